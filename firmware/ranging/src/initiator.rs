@@ -1,0 +1,221 @@
+//! The initiator's part of an exchange.
+//!
+//! ```text
+//!              start                    Sent                        response
+//!   Idle ─────────────► SendingPoll ───────────► AwaitingResponse ────────────┐
+//!    ▲  send poll now                listen        │ timeout: NoResponse      │ send final
+//!    │                                             │                          │ at t4 + reply
+//!    ├─────────────────────────────────────────────┘                          ▼
+//!    ├───────────────────────────── SendTooLate, SendTimeMismatch ──── SendingFinal
+//!    │                                                                        │ Sent: listen
+//!    │  report: Measured; timeout: NoReport                                   ▼
+//!    └─────────────────────────────────────────────────────────────── AwaitingReport
+//! ```
+//!
+//! Frames that do not belong to the exchange are passed over in every state.
+
+use crate::exchange::{
+    Command, Event, Failure, Identity, Ignored, Measurement, Outcome, Step, Timing, When,
+};
+use crate::frame::{Address, Frame, Message};
+use crate::time::{DeviceTime, Ticks};
+use crate::tof::{Intervals, TwoWay};
+
+/// Measures the range to one responder at a time.
+#[derive(Clone, Debug)]
+pub struct Initiator {
+    identity: Identity,
+    timing: Timing,
+    /// Counts our frames.
+    sequence: u8,
+    /// Number of the exchange that runs, or ran last.
+    exchange: u8,
+    state: State,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum State {
+    Idle,
+    SendingPoll {
+        peer: Address,
+    },
+    AwaitingResponse {
+        /// [`Address::BROADCAST`] until somebody has answered.
+        peer: Address,
+        poll_tx: DeviceTime,
+    },
+    SendingFinal {
+        peer: Address,
+        round: Ticks,
+        reply: Ticks,
+        /// The stamp that the final must get for `reply` to be true.
+        final_tx: DeviceTime,
+    },
+    AwaitingReport {
+        peer: Address,
+        round: Ticks,
+        reply: Ticks,
+    },
+}
+
+impl Initiator {
+    /// An idle initiator.
+    pub fn new(identity: Identity, timing: Timing) -> Self {
+        Self {
+            identity,
+            timing,
+            sequence: 0,
+            exchange: 0,
+            state: State::Idle,
+        }
+    }
+
+    /// Whether no exchange runs.
+    pub fn is_idle(&self) -> bool {
+        self.state == State::Idle
+    }
+
+    /// Starts an exchange with `peer`, or with whoever answers first if `peer`
+    /// is [`Address::BROADCAST`]. An exchange that still runs is dropped.
+    pub fn start(&mut self, peer: Address) -> Command {
+        self.exchange = self.exchange.wrapping_add(1);
+        self.state = State::SendingPoll { peer };
+        self.send(peer, Message::Poll, When::Now)
+    }
+
+    /// Takes the next event from the radio.
+    pub fn on_event(&mut self, event: Event<'_>) -> Step {
+        match (self.state, event) {
+            (State::SendingPoll { peer }, Event::Sent { at }) => {
+                self.state = State::AwaitingResponse { peer, poll_tx: at };
+                self.listen()
+            }
+            (State::SendingFinal { final_tx, .. }, Event::Sent { at }) if at != final_tx => {
+                self.fail(Failure::SendTimeMismatch)
+            }
+            (
+                State::SendingFinal {
+                    peer, round, reply, ..
+                },
+                Event::Sent { .. },
+            ) => {
+                self.state = State::AwaitingReport { peer, round, reply };
+                self.listen()
+            }
+            (State::SendingPoll { .. } | State::SendingFinal { .. }, Event::SendTooLate) => {
+                self.fail(Failure::SendTooLate)
+            }
+            (State::AwaitingResponse { peer, poll_tx }, Event::Received { bytes, at }) => {
+                match self.accept(bytes, peer) {
+                    Err(why) => Step::ignore(why),
+                    Ok(Frame {
+                        source,
+                        message: Message::Response,
+                        ..
+                    }) => self.answer(source, poll_tx, at),
+                    Ok(_) => Step::ignore(Ignored::OutOfTurn),
+                }
+            }
+            (State::AwaitingReport { peer, round, reply }, Event::Received { bytes, .. }) => {
+                match self.accept(bytes, peer) {
+                    Err(why) => Step::ignore(why),
+                    Ok(Frame {
+                        message:
+                            Message::Report {
+                                round: rb,
+                                reply: db,
+                            },
+                        ..
+                    }) => self.finish(
+                        peer,
+                        &Intervals {
+                            initiator_round: round,
+                            initiator_reply: reply,
+                            responder_round: rb,
+                            responder_reply: db,
+                        },
+                    ),
+                    Ok(_) => Step::ignore(Ignored::OutOfTurn),
+                }
+            }
+            (State::AwaitingResponse { .. }, Event::ListenTimeout) => {
+                self.fail(Failure::NoResponse)
+            }
+            (State::AwaitingReport { .. }, Event::ListenTimeout) => self.fail(Failure::NoReport),
+            (State::Idle, _)
+            | (State::SendingPoll { .. } | State::SendingFinal { .. }, _)
+            | (
+                State::AwaitingResponse { .. } | State::AwaitingReport { .. },
+                Event::Sent { .. } | Event::SendTooLate,
+            ) => self.fail(Failure::UnexpectedEvent),
+        }
+    }
+
+    fn answer(&mut self, peer: Address, poll_tx: DeviceTime, response_rx: DeviceTime) -> Step {
+        let (when, final_tx) = self.timing.answer_to(response_rx);
+        let round = response_rx.since(poll_tx);
+        let reply = final_tx.since(response_rx);
+        self.state = State::SendingFinal {
+            peer,
+            round,
+            reply,
+            final_tx,
+        };
+        Step::command(self.send(peer, Message::Final { round, reply }, when))
+    }
+
+    fn finish(&mut self, peer: Address, intervals: &Intervals) -> Step {
+        match TwoWay::from_intervals(intervals) {
+            Err(error) => self.fail(Failure::Tof(error)),
+            Ok(two_way) => {
+                self.state = State::Idle;
+                Step::with(
+                    Command::Idle,
+                    Outcome::Measured(Measurement {
+                        peer,
+                        exchange: self.exchange,
+                        two_way,
+                    }),
+                )
+            }
+        }
+    }
+
+    fn accept(&self, bytes: &[u8], peer: Address) -> Result<Frame, Ignored> {
+        let frame = self.identity.accept(bytes)?;
+        if peer != Address::BROADCAST && frame.source != peer {
+            return Err(Ignored::WrongPeer);
+        }
+        if frame.exchange != self.exchange {
+            return Err(Ignored::WrongExchange);
+        }
+        Ok(frame)
+    }
+
+    fn send(&mut self, destination: Address, message: Message, when: When) -> Command {
+        self.sequence = self.sequence.wrapping_add(1);
+        let frame = Frame {
+            sequence: self.sequence,
+            pan: self.identity.pan,
+            destination,
+            source: self.identity.address,
+            exchange: self.exchange,
+            message,
+        };
+        Command::Send {
+            frame: frame.encode(),
+            when,
+        }
+    }
+
+    fn listen(&self) -> Step {
+        Step::command(Command::Listen {
+            timeout_us: Some(self.timing.answer_timeout_us),
+        })
+    }
+
+    fn fail(&mut self, why: Failure) -> Step {
+        self.state = State::Idle;
+        Step::with(Command::Idle, Outcome::Failed(why))
+    }
+}

@@ -1,0 +1,132 @@
+//! The DW1000's clock: 40 bits that count 1/(128 x 499.2 MHz) = 15.650 ps and
+//! wrap every 17.2 s (user manual, section 4.1.1).
+
+/// Ticks a second: 128 x 499.2 MHz.
+pub const TICKS_PER_SECOND: u64 = 63_897_600_000;
+
+/// The clock has this many states; it wraps from `MODULUS - 1` to 0.
+pub const MODULUS: u64 = 1 << 40;
+
+/// Delayed transmissions start on multiples of this many ticks (8.01 ns): the
+/// low nine bits of DX_TIME are ignored (user manual, section 7.2.12).
+pub const DELAYED_GRID: u64 = 512;
+
+/// A reading of a DW1000's clock: 40 bits, wrapping.
+///
+/// Readings have no order, only differences: see [`DeviceTime::since`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct DeviceTime(u64);
+
+/// A span of device time in ticks of 15.650 ps, from 0 up to one wrap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Ticks(u64);
+
+impl DeviceTime {
+    /// The reading with these low 40 bits; higher bits are dropped.
+    pub const fn from_ticks(ticks: u64) -> Self {
+        Self(ticks % MODULUS)
+    }
+
+    /// The reading with this value, or `None` if it needs more than 40 bits.
+    pub const fn try_from_ticks(ticks: u64) -> Option<Self> {
+        if ticks < MODULUS {
+            Some(Self(ticks))
+        } else {
+            None
+        }
+    }
+
+    /// The 40-bit value.
+    pub const fn ticks(self) -> u64 {
+        self.0
+    }
+
+    /// The span from `earlier` to `self`, right across a wrap as long as less
+    /// than one wrap (17.2 s) lies between them.
+    pub const fn since(self, earlier: Self) -> Ticks {
+        Ticks(self.0.wrapping_sub(earlier.0) % MODULUS)
+    }
+
+    /// The reading `span` later.
+    pub const fn after(self, span: Ticks) -> Self {
+        Self::from_ticks(self.0 + span.0)
+    }
+
+    /// The last moment at or before this one at which a delayed transmission
+    /// can start: a multiple of [`DELAYED_GRID`].
+    ///
+    /// The grid divides the modulus, so rounding never crosses a wrap.
+    pub const fn on_delayed_grid(self) -> Self {
+        Self(self.0 - self.0 % DELAYED_GRID)
+    }
+}
+
+impl Ticks {
+    /// A span of this many ticks; bits above 40 are dropped.
+    pub const fn new(ticks: u64) -> Self {
+        Self(ticks % MODULUS)
+    }
+
+    /// The number of ticks.
+    pub const fn get(self) -> u64 {
+        self.0
+    }
+
+    /// The span in whole ticks of `us` microseconds (rounded down).
+    ///
+    /// A microsecond is 63 897.6 ticks.
+    pub const fn from_us(us: u32) -> Self {
+        Self(us as u64 * (TICKS_PER_SECOND / 100_000) / 10 % MODULUS)
+    }
+
+    /// The span in whole microseconds (rounded down).
+    pub const fn to_us(self) -> u32 {
+        (self.0 * 10 / (TICKS_PER_SECOND / 100_000)) as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn spans_are_right_across_the_wrap() {
+        let before = DeviceTime::from_ticks(MODULUS - 3);
+        let after = DeviceTime::from_ticks(4);
+        assert_eq!(after.since(before).get(), 7);
+        assert_eq!(before.since(after).get(), MODULUS - 7);
+    }
+
+    #[test]
+    fn a_microsecond_is_63897_6_ticks() {
+        assert_eq!(Ticks::from_us(10).get(), 638_976);
+        assert_eq!(Ticks::from_us(1).get(), 63_897);
+        assert_eq!(Ticks::from_us(5_000_000).to_us(), 5_000_000);
+    }
+
+    #[test]
+    fn values_above_40_bits_are_refused() {
+        assert!(DeviceTime::try_from_ticks(MODULUS).is_none());
+        assert!(DeviceTime::try_from_ticks(MODULUS - 1).is_some());
+    }
+
+    proptest! {
+        #[test]
+        fn since_undoes_after(start in 0..MODULUS, span in 0..MODULUS) {
+            let start = DeviceTime::from_ticks(start);
+            let span = Ticks::new(span);
+            prop_assert_eq!(start.after(span).since(start), span);
+        }
+
+        #[test]
+        fn the_grid_is_at_most_511_ticks_early(t in 0..MODULUS) {
+            let t = DeviceTime::from_ticks(t);
+            let on_grid = t.on_delayed_grid();
+            prop_assert!(t.since(on_grid).get() < DELAYED_GRID);
+            prop_assert_eq!(on_grid.ticks() % DELAYED_GRID, 0);
+        }
+    }
+}
