@@ -1,0 +1,180 @@
+//! The records.
+//!
+//! The order of variants and fields is the wire format. A record is never
+//! changed: what is new comes as a new variant at the end of [`Record`], and
+//! readers pass over variants that they do not know.
+
+use serde::{Deserialize, Serialize};
+
+/// Version of the envelope and of all records in it. A reader refuses others.
+pub const PROTOCOL_VERSION: u8 = 1;
+
+/// One message from node to host.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(rename_all = "snake_case")]
+pub enum Record {
+    /// The node has started; its sequence numbers start again.
+    Boot(Boot),
+    /// One exchange gave a range.
+    Range(Range),
+    /// How the node is doing; sent about once a second.
+    Status(Status),
+}
+
+impl Record {
+    /// The number of variants this crate knows.
+    pub(crate) const KNOWN: u32 = 3;
+}
+
+/// A node's start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Boot {
+    /// The node's short address.
+    pub address: u16,
+    /// The network's identifier.
+    pub pan: u16,
+    /// What the node is for.
+    pub role: Role,
+    /// Firmware version: major, minor, patch.
+    pub firmware: [u8; 3],
+    /// Why it started.
+    pub reset_cause: ResetCause,
+}
+
+/// What a node is for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Its position is wanted; answers polls unless configured otherwise.
+    #[default]
+    Tag,
+    /// Its position is known; polls unless configured otherwise.
+    Anchor,
+}
+
+/// Why a node started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(rename_all = "snake_case")]
+pub enum ResetCause {
+    /// Power came on, or the cause is not known.
+    #[default]
+    PowerOn,
+    /// The reset pin.
+    Pin,
+    /// The watchdog: the node had stopped making progress.
+    Watchdog,
+    /// The firmware itself, after a panic or on command.
+    Software,
+    /// The processor locked up.
+    Lockup,
+}
+
+/// One measured range.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Range {
+    /// Time on the node when the exchange ended, in microseconds since its start.
+    pub t_us: u64,
+    /// Short address of the other node.
+    pub peer: u16,
+    /// Number of the exchange, counted by the initiator, wrapping.
+    pub exchange: u8,
+    /// The range as measured, in metres; negative when noise makes it so.
+    pub raw_m: f32,
+    /// The range after the node's filter, in metres, if there is one.
+    pub filtered_m: Option<f32>,
+    /// How good the reception was.
+    pub quality: Quality,
+}
+
+/// How good the reception behind a range was, at the node that reports it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Quality {
+    /// Receive power in dBm (user manual, section 4.7.2); NaN if not read.
+    pub rx_power_dbm: f32,
+    /// Power of the first path in dBm (user manual, section 4.7.1); NaN if not read.
+    pub first_path_power_dbm: f32,
+    /// How much faster the responder's clock runs than the initiator's, in
+    /// ppm, from the time stamps.
+    pub clock_offset_ppm: f32,
+    /// Remarks.
+    pub flags: RangeFlags,
+}
+
+/// Remarks on a range, one bit each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(transparent)]
+pub struct RangeFlags(pub u8);
+
+impl RangeFlags {
+    /// The first path is more than 10 dB below the receive power: likely not a
+    /// line of sight (user manual, section 4.7).
+    pub const WEAK_FIRST_PATH: Self = Self(1);
+    /// This node was the initiator of the exchange.
+    pub const INITIATOR: Self = Self(2);
+
+    /// Whether all of `other`'s bits are set.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// Both sets of bits.
+    #[must_use]
+    pub const fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// How a node is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Status {
+    /// Time on the node in microseconds since its start.
+    pub t_us: u64,
+    /// The node's short address.
+    pub address: u16,
+    /// Everything that happened, counted since the start.
+    pub counters: Counters,
+}
+
+/// What happened since the node's start, counted by cause. Wraps at 2^32.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Counters {
+    /// Exchanges that gave a range.
+    pub ranges: u32,
+    /// Initiator: no response to a poll.
+    pub no_response: u32,
+    /// Responder: no final after a response.
+    pub no_final: u32,
+    /// Initiator: no report after a final.
+    pub no_report: u32,
+    /// Responder: polled again before the final came.
+    pub superseded: u32,
+    /// A delayed transmission was late.
+    pub send_too_late: u32,
+    /// The radio sent at another time than it was told.
+    pub send_time_mismatch: u32,
+    /// Time stamps that contradict each other.
+    pub bad_stamps: u32,
+    /// The radio did what the exchange's state does not allow.
+    pub unexpected_events: u32,
+    /// Frames with a bad check sequence, header or Reed-Solomon code.
+    pub damaged_frames: u32,
+    /// Frames that are not of this protocol or network.
+    pub foreign_frames: u32,
+    /// Frames of this network for other nodes or other exchanges.
+    pub others_frames: u32,
+    /// Times the radio did nothing for so long that it was reset.
+    pub radio_resets: u32,
+    /// SPI transfers that failed.
+    pub bus_errors: u32,
+    /// Records thrown away because the host did not take them in time.
+    pub records_dropped: u32,
+}
