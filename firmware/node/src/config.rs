@@ -1,0 +1,112 @@
+//! What a node is told before it starts.
+
+use crate::peers::MAX_PEERS;
+use nova_ranging::exchange::Identity;
+use nova_ranging::{Address, PanId, Ticks, Timing};
+use nova_wire::{ResetCause, Role};
+
+/// A node's configuration.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NodeConfig {
+    /// Network and address.
+    pub identity: Identity,
+    /// What the node is for; said to the host, no more.
+    pub role: Role,
+    /// What the node does in exchanges.
+    pub part: Part,
+    /// Antenna delays of this board.
+    pub antenna_delay: AntennaDelay,
+    /// From a frame received to the answer sent, in microseconds; the same on
+    /// all nodes of a network.
+    ///
+    /// It has to hold, at the default mode: the rest of the frame received
+    /// (up to 54 us), interrupt latency, about 100 us of SPI at 8 MHz, the
+    /// processor's work, and the answer's preamble (140 us).
+    pub reply_us: u32,
+    /// Firmware version, for the host.
+    pub firmware: [u8; 3],
+    /// Why the board started, for the host.
+    pub reset_cause: ResetCause,
+}
+
+/// What a node does in exchanges.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Answers polls.
+    Responder,
+    /// Polls.
+    Initiator {
+        /// From the start of one exchange to the start of the next, in microseconds.
+        period_us: u32,
+        /// Whom to poll, in turn; whoever is there if empty.
+        peers: heapless::Vec<Address, MAX_PEERS>,
+    },
+}
+
+/// Time between the radio's clock edge and the antenna, in ticks of 15.650 ps
+/// (user manual, section 8.3).
+///
+/// An error of one tick in the sum of both, on one board, makes ranges wrong
+/// by 2.3 mm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct AntennaDelay {
+    /// Sending.
+    pub tx_ticks: u16,
+    /// Receiving.
+    pub rx_ticks: u16,
+}
+
+impl AntennaDelay {
+    /// The vendor's figure for an uncalibrated board at 64 MHz, 257.5 ns: good
+    /// to about 30 cm.
+    pub const UNCALIBRATED: Self = Self {
+        tx_ticks: 16_456,
+        rx_ticks: 16_456,
+    };
+}
+
+impl NodeConfig {
+    /// The network that nodes are in unless told otherwise.
+    pub const DEFAULT_PAN: PanId = PanId(0xDECA);
+
+    /// A tag: answers whoever polls it.
+    pub const fn tag(address: Address) -> Self {
+        Self::new(address, Role::Tag, Part::Responder)
+    }
+
+    /// An anchor: finds the tags around it and polls them in turn, 100 times a
+    /// second in all.
+    pub const fn anchor(address: Address) -> Self {
+        let part = Part::Initiator {
+            period_us: 10_000,
+            peers: heapless::Vec::new(),
+        };
+        Self::new(address, Role::Anchor, part)
+    }
+
+    const fn new(address: Address, role: Role, part: Part) -> Self {
+        Self {
+            identity: Identity {
+                pan: Self::DEFAULT_PAN,
+                address,
+            },
+            role,
+            part,
+            antenna_delay: AntennaDelay::UNCALIBRATED,
+            reply_us: 600,
+            firmware: [0, 1, 0],
+            reset_cause: ResetCause::PowerOn,
+        }
+    }
+
+    pub(crate) fn timing(&self) -> Timing {
+        Timing {
+            reply: Ticks::from_us(self.reply_us),
+            // The other's reply time and a frame, twice over: one time-out
+            // costs less than ranges lost to a busy peer.
+            answer_timeout_us: 2 * self.reply_us + 400,
+            tx_antenna_delay: Ticks::new(self.antenna_delay.tx_ticks.into()),
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! How well a frame was received.
+
+use crate::phy;
+use micromath::F32Ext;
+
+/// The radio's measures of one reception, as its registers give them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reception {
+    /// FP_AMPL1 to FP_AMPL3: the channel impulse response around the first path.
+    pub first_path_amplitudes: [u16; 3],
+    /// CIR_PWR: power of the channel impulse response.
+    pub response_power: u16,
+    /// RXPACC: preamble symbols accumulated, saturating.
+    pub preamble_count: u16,
+    /// RXPACC_NOSAT: the same without saturation.
+    pub preamble_count_unsaturated: u16,
+}
+
+impl Reception {
+    /// Receive power in dBm (user manual, section 4.7.2):
+    /// `10 log10(C 2^17 / N^2) - A`. NaN if nothing was received.
+    ///
+    /// The manual's figure reads low above -85 dBm; no correction is made.
+    pub fn rx_power_dbm(&self) -> f32 {
+        decibel(f32::from(self.response_power) * 131_072.0, self.symbols())
+    }
+
+    /// Power of the first path in dBm (user manual, section 4.7.1):
+    /// `10 log10((F1^2 + F2^2 + F3^2) / N^2) - A`. NaN if nothing was received.
+    pub fn first_path_power_dbm(&self) -> f32 {
+        let squares = self
+            .first_path_amplitudes
+            .iter()
+            .map(|&f| f32::from(f) * f32::from(f))
+            .sum();
+        decibel(squares, self.symbols())
+    }
+
+    /// N: the preamble symbols without the SFD's (user manual, section 7.2.18).
+    fn symbols(&self) -> f32 {
+        let adjustment = if self.preamble_count == self.preamble_count_unsaturated {
+            phy::RXPACC_ADJUSTMENT
+        } else {
+            0
+        };
+        f32::from(self.preamble_count.saturating_add_signed(adjustment))
+    }
+}
+
+fn decibel(power: f32, symbols: f32) -> f32 {
+    if power > 0.0 && symbols > 0.0 {
+        // By the trait's name: where std is linked in, f32 has its own log10.
+        10.0 * F32Ext::log10(power / (symbols * symbols)) - phy::POWER_CONSTANT_DB
+    } else {
+        f32::NAN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn powers_follow_the_manuals_formulas() {
+        for (f, c, n) in [
+            ([9_000u16, 9_500, 8_000], 12_000u16, 118u16),
+            ([700, 800, 650], 40, 125),
+            ([30_000, 32_000, 29_000], 65_000, 1_000),
+        ] {
+            let reception = Reception {
+                first_path_amplitudes: f,
+                response_power: c,
+                preamble_count: n,
+                preamble_count_unsaturated: n + 9,
+            };
+            let n = f64::from(n);
+            let squares: f64 = f.iter().map(|&f| f64::from(f) * f64::from(f)).sum();
+            let first = 10.0 * (squares / (n * n)).log10() - 121.74;
+            let total = 10.0 * (f64::from(c) * 131_072.0 / (n * n)).log10() - 121.74;
+            assert!((f64::from(reception.first_path_power_dbm()) - first).abs() < 0.05);
+            assert!((f64::from(reception.rx_power_dbm()) - total).abs() < 0.05);
+        }
+    }
+
+    #[test]
+    fn nothing_received_has_no_power() {
+        let nothing = Reception {
+            first_path_amplitudes: [0; 3],
+            response_power: 0,
+            preamble_count: 0,
+            preamble_count_unsaturated: 0,
+        };
+        assert!(nothing.rx_power_dbm().is_nan());
+        assert!(nothing.first_path_power_dbm().is_nan());
+    }
+}

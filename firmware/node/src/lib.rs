@@ -1,0 +1,36 @@
+//! A node: a DW1000 and the exchanges it takes part in.
+//!
+//! [`Node`] owns the radio and one of the state machines of `nova-ranging`,
+//! and turns what happens into records of `nova-wire`. It has no executor and
+//! never waits for the radio: a board calls [`Node::service`] whenever the
+//! radio's interrupt line is high or the time has come that the last call
+//! named. The same code runs on the DWM1001, in tests and in simulations.
+//!
+//! ```text
+//!   board's loop:  service(now) ──► wake at this time, or on interrupt
+//!                     │
+//!   node.rs        Node: deadlines, counters, records
+//!                     │ commands, events
+//!   radio.rs       Radio: DW1000 registers, time stamps, late sends, recovery
+//!                     │ SPI
+//!   bus.rs         RadioBus: what a board must provide
+//! ```
+#![no_std]
+
+mod bus;
+mod config;
+mod diagnostics;
+mod node;
+mod peers;
+mod phy;
+mod radio;
+
+pub use bus::{RadioBus, SpiSpeed};
+pub use config::{AntennaDelay, NodeConfig, Part};
+pub use diagnostics::Reception;
+pub use node::{Node, StartError};
+pub use peers::MAX_PEERS;
+pub use radio::RadioError;
+
+/// Two-way ranging itself: addresses, device time, failures.
+pub use nova_ranging as ranging;

@@ -1,0 +1,470 @@
+//! The node: radio, state machine, deadlines, counters and records.
+
+use crate::bus::RadioBus;
+use crate::config::{NodeConfig, Part};
+use crate::peers::Peers;
+use crate::radio::{EMPTY_RX_BUFFER, Radio, RadioError, RadioEvent};
+use core::fmt;
+use embedded_hal::delay::DelayNs;
+use embedded_hal::digital::OutputPin;
+use nova_ranging::tof::SPEED_OF_LIGHT_AIR_M_PER_S;
+use nova_ranging::{
+    Address, Command, Event, Failure, Ignored, Initiator, Measurement, Outcome, Responder, Step,
+};
+use nova_wire::{Boot, Counters, Quality, Range, RangeFlags, Record, Status};
+
+/// From one status record to the next.
+const STATUS_PERIOD_US: u64 = 1_000_000;
+
+/// A send that has not come to an end after this long never will: the longest
+/// wait before one is a reply time.
+const SEND_GUARD_US: u64 = 10_000;
+
+/// How much later than the radio's own time-out the node gives up on it.
+const LISTEN_GUARD_US: u64 = 2_000;
+
+/// A receiver that has heard nothing for this long is switched on anew, so
+/// that none stays deaf for ever.
+const LISTEN_REFRESH_US: u64 = 1_000_000;
+
+/// From a failed start of the radio to the next attempt.
+const RESTART_AFTER_US: u64 = 100_000;
+
+/// Events handled in one call of [`Node::service`], so that a radio that never
+/// stops reporting cannot hold up the rest of the board.
+const EVENTS_PER_CALL: usize = 8;
+
+/// Difference in dB between receive power and first path from which on the
+/// line of sight is likely blocked (user manual, section 4.7).
+const WEAK_FIRST_PATH_DB: f32 = 10.0;
+
+/// A node that takes part in exchanges.
+///
+/// `B`: the radio's bus, `R`: its reset line (open drain, low resets), `D`: a
+/// delay, used only while the radio starts.
+pub struct Node<B, R, D> {
+    config: NodeConfig,
+    radio: Radio<B, R, D>,
+    role: Role,
+    doing: Doing,
+    counters: Counters,
+    next_status_us: u64,
+    booted: bool,
+}
+
+/// The radio did not start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct StartError(pub RadioError);
+
+impl fmt::Display for StartError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the radio did not start: {}", self.0)
+    }
+}
+
+impl core::error::Error for StartError {}
+
+/// The part in exchanges, with what it takes beside its state machine.
+enum Role {
+    Initiator {
+        machine: Initiator,
+        peers: Peers,
+        /// Whom the running exchange is with, as far as known.
+        polled: Address,
+        period_us: u64,
+        next_us: u64,
+    },
+    Responder(Responder),
+}
+
+/// What the radio is at, and until when at most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Doing {
+    Nothing,
+    Sending {
+        until_us: u64,
+    },
+    Listening {
+        until_us: u64,
+    },
+    ListeningForEver {
+        refresh_us: u64,
+    },
+    /// The radio is out of order; to be started again.
+    Down {
+        retry_us: u64,
+    },
+}
+
+impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
+    /// A node whose radio is not started yet.
+    pub fn new(bus: B, reset: R, delay: D, config: NodeConfig) -> Self {
+        let timing = config.timing();
+        let role = match &config.part {
+            Part::Responder => Role::Responder(Responder::new(config.identity, timing)),
+            Part::Initiator { period_us, peers } => Role::Initiator {
+                machine: Initiator::new(config.identity, timing),
+                peers: Peers::new(peers),
+                polled: Address::BROADCAST,
+                period_us: u64::from(*period_us),
+                next_us: 0,
+            },
+        };
+        Self {
+            radio: Radio::new(bus, reset, delay, config.antenna_delay),
+            config,
+            role,
+            doing: Doing::Down { retry_us: 0 },
+            counters: Counters::default(),
+            next_status_us: 0,
+            booted: false,
+        }
+    }
+
+    /// Starts the radio; blocks for some 10 ms.
+    ///
+    /// Calling this is not required: [`Node::service`] starts a radio that is
+    /// not running, and tries again for as long as that fails. It serves to
+    /// learn of a fault at once.
+    ///
+    /// # Errors
+    /// [`StartError`] says what is wrong with the radio.
+    pub fn start(&mut self, now_us: u64) -> Result<(), StartError> {
+        self.radio
+            .start()
+            .and_then(|()| self.begin(now_us))
+            .map_err(|error| {
+                self.out_of_order(now_us, error);
+                StartError(error)
+            })
+    }
+
+    /// What happened since the node was made, by cause.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Tells the node that records were thrown away on their way to the host.
+    pub fn count_dropped_records(&mut self, dropped: u32) {
+        self.counters.records_dropped = self.counters.records_dropped.wrapping_add(dropped);
+    }
+
+    /// Does all that is due at `now_us`, the board's time in microseconds
+    /// since its start, and hands records to `emit`.
+    ///
+    /// Returns the time at which it must be called again, unless the radio's
+    /// interrupt line goes high before.
+    pub fn service(&mut self, now_us: u64, emit: &mut impl FnMut(&Record)) -> u64 {
+        if !self.booted {
+            self.booted = true;
+            self.next_status_us = now_us + STATUS_PERIOD_US;
+            emit(&Record::Boot(self.boot_record()));
+        }
+        if let Doing::Down { retry_us } = self.doing
+            && now_us >= retry_us
+        {
+            // The outcome is in `doing` and in the counters.
+            let _ = self.start(now_us);
+        }
+        if !matches!(self.doing, Doing::Down { .. })
+            && let Err(error) = self.run(now_us, emit)
+        {
+            self.out_of_order(now_us, error);
+        }
+        if now_us >= self.next_status_us {
+            self.next_status_us += STATUS_PERIOD_US;
+            if self.next_status_us <= now_us {
+                self.next_status_us = now_us + STATUS_PERIOD_US;
+            }
+            emit(&Record::Status(Status {
+                t_us: now_us,
+                address: self.config.identity.address.0,
+                counters: self.counters,
+            }));
+        }
+        self.wake_us()
+    }
+
+    /// Radio events first, then deadlines, then new exchanges.
+    fn run(&mut self, now_us: u64, emit: &mut impl FnMut(&Record)) -> Result<(), RadioError> {
+        let mut buffer = EMPTY_RX_BUFFER;
+        for _ in 0..EVENTS_PER_CALL {
+            let Some(event) = self.radio.poll(&mut buffer)? else {
+                break;
+            };
+            let event = match event {
+                RadioEvent::Sent { at } => Event::Sent { at },
+                RadioEvent::Received { bytes, at } => Event::Received { bytes, at },
+                RadioEvent::ListenTimeout => Event::ListenTimeout,
+                RadioEvent::Damaged => {
+                    count(&mut self.counters.damaged_frames);
+                    self.keep_listening(now_us)?;
+                    continue;
+                }
+            };
+            self.handle(event, now_us, emit)?;
+        }
+        self.check_deadlines(now_us)?;
+        self.start_exchange(now_us, emit)
+    }
+
+    /// Lets the state machine answer an event and carries its commands out.
+    fn handle(
+        &mut self,
+        event: Event<'_>,
+        now_us: u64,
+        emit: &mut impl FnMut(&Record),
+    ) -> Result<(), RadioError> {
+        let mut step = self.role.on_event(event);
+        loop {
+            match step.outcome {
+                Some(Outcome::Measured(measurement)) => {
+                    // Before the command: it may let the next frame overwrite
+                    // what the radio knows of this one.
+                    let record = self.range_record(&measurement, now_us)?;
+                    count(&mut self.counters.ranges);
+                    emit(&Record::Range(record));
+                    self.role.answered(measurement.peer);
+                }
+                Some(Outcome::Failed(failure)) => {
+                    count(self.failure_counter(&failure));
+                    self.role.failed();
+                }
+                Some(Outcome::Ignored(ignored)) => count(self.ignored_counter(ignored)),
+                None => {}
+            }
+            if self.carry_out(step.command, now_us)? {
+                return Ok(());
+            }
+            step = self.role.on_event(Event::SendTooLate);
+        }
+    }
+
+    /// `Ok(false)` if a transmission was too late.
+    fn carry_out(&mut self, command: Command, now_us: u64) -> Result<bool, RadioError> {
+        match command {
+            Command::Idle => {
+                self.radio.switch_off()?;
+                self.doing = Doing::Nothing;
+            }
+            Command::Listen { timeout_us } => {
+                self.radio.listen(timeout_us)?;
+                self.doing = match timeout_us {
+                    Some(us) => Doing::Listening {
+                        until_us: now_us + u64::from(us),
+                    },
+                    None => Doing::ListeningForEver {
+                        refresh_us: now_us + LISTEN_REFRESH_US,
+                    },
+                };
+            }
+            Command::KeepListening => self.keep_listening(now_us)?,
+            Command::Send { frame, when } => {
+                let on_time = self.radio.send(&frame, when)?;
+                self.doing = Doing::Sending {
+                    until_us: now_us + SEND_GUARD_US,
+                };
+                return Ok(on_time);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Switches the receiver on again after a frame that did not count, for
+    /// what is left of the time.
+    fn keep_listening(&mut self, now_us: u64) -> Result<(), RadioError> {
+        match self.doing {
+            Doing::Listening { until_us } => {
+                // With no time left the radio reports the time-out at once.
+                let left = u32::try_from(until_us.saturating_sub(now_us)).unwrap_or(u32::MAX);
+                self.radio.listen(Some(left.max(1)))
+            }
+            Doing::ListeningForEver { .. } => {
+                self.doing = Doing::ListeningForEver {
+                    refresh_us: now_us + LISTEN_REFRESH_US,
+                };
+                self.radio.listen(None)
+            }
+            // Nothing to go on with: a damaged frame cannot come while sending.
+            Doing::Nothing | Doing::Sending { .. } | Doing::Down { .. } => Ok(()),
+        }
+    }
+
+    fn check_deadlines(&mut self, now_us: u64) -> Result<(), RadioError> {
+        match self.doing {
+            Doing::Sending { until_us } if now_us >= until_us => self.restart(now_us),
+            Doing::Listening { until_us } if now_us >= until_us + LISTEN_GUARD_US => {
+                self.restart(now_us)
+            }
+            Doing::ListeningForEver { refresh_us } if now_us >= refresh_us => {
+                self.radio.switch_off()?;
+                self.keep_listening(now_us)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn start_exchange(
+        &mut self,
+        now_us: u64,
+        emit: &mut impl FnMut(&Record),
+    ) -> Result<(), RadioError> {
+        if self.doing != Doing::Nothing {
+            return Ok(());
+        }
+        let Role::Initiator {
+            machine,
+            peers,
+            polled,
+            period_us,
+            next_us,
+        } = &mut self.role
+        else {
+            return Ok(());
+        };
+        if now_us < *next_us {
+            return Ok(());
+        }
+        // Exchanges that there was no time for are left out, not made up for.
+        *next_us = (*next_us + *period_us).max(now_us);
+        *polled = peers.next();
+        let command = machine.start(*polled);
+        if self.carry_out(command, now_us)? {
+            Ok(())
+        } else {
+            self.handle(Event::SendTooLate, now_us, emit)
+        }
+    }
+
+    /// The radio has stopped answering: starts it, and the part, from scratch.
+    fn restart(&mut self, now_us: u64) -> Result<(), RadioError> {
+        count(&mut self.counters.radio_resets);
+        self.radio.start()?;
+        self.begin(now_us)
+    }
+
+    /// Puts a radio that was just started to work.
+    fn begin(&mut self, now_us: u64) -> Result<(), RadioError> {
+        match &mut self.role {
+            Role::Responder(machine) => {
+                let command = machine.start();
+                self.carry_out(command, now_us).map(|_| ())
+            }
+            Role::Initiator { next_us, .. } => {
+                *next_us = (*next_us).max(now_us);
+                self.doing = Doing::Nothing;
+                Ok(())
+            }
+        }
+    }
+
+    fn out_of_order(&mut self, now_us: u64, error: RadioError) {
+        if error == RadioError::Bus {
+            count(&mut self.counters.bus_errors);
+        }
+        count(&mut self.counters.radio_resets);
+        self.doing = Doing::Down {
+            retry_us: now_us + RESTART_AFTER_US,
+        };
+    }
+
+    fn wake_us(&self) -> u64 {
+        let radio_us = match (self.doing, &self.role) {
+            (Doing::Nothing, Role::Initiator { next_us, .. }) => *next_us,
+            (Doing::Nothing, Role::Responder(_)) => u64::MAX,
+            (Doing::Sending { until_us }, _) => until_us,
+            (Doing::Listening { until_us }, _) => until_us + LISTEN_GUARD_US,
+            (Doing::ListeningForEver { refresh_us }, _) => refresh_us,
+            (Doing::Down { retry_us }, _) => retry_us,
+        };
+        radio_us.min(self.next_status_us)
+    }
+
+    fn boot_record(&self) -> Boot {
+        Boot {
+            address: self.config.identity.address.0,
+            pan: self.config.identity.pan.0,
+            role: self.config.role,
+            firmware: self.config.firmware,
+            reset_cause: self.config.reset_cause,
+        }
+    }
+
+    fn range_record(&mut self, m: &Measurement, now_us: u64) -> Result<Range, RadioError> {
+        let reception = self.radio.reception()?;
+        let rx_power_dbm = reception.rx_power_dbm();
+        let first_path_power_dbm = reception.first_path_power_dbm();
+        let mut flags = RangeFlags::default();
+        if rx_power_dbm - first_path_power_dbm > WEAK_FIRST_PATH_DB {
+            flags = flags.with(RangeFlags::WEAK_FIRST_PATH);
+        }
+        if matches!(self.role, Role::Initiator { .. }) {
+            flags = flags.with(RangeFlags::INITIATOR);
+        }
+        Ok(Range {
+            t_us: now_us,
+            peer: m.peer.0,
+            exchange: m.exchange,
+            raw_m: m.two_way.range_m(SPEED_OF_LIGHT_AIR_M_PER_S) as f32,
+            filtered_m: None,
+            quality: Quality {
+                rx_power_dbm,
+                first_path_power_dbm,
+                clock_offset_ppm: m.two_way.clock_offset_ppm as f32,
+                flags,
+            },
+        })
+    }
+
+    fn failure_counter(&mut self, failure: &Failure) -> &mut u32 {
+        let c = &mut self.counters;
+        match failure {
+            Failure::NoResponse => &mut c.no_response,
+            Failure::NoFinal => &mut c.no_final,
+            Failure::NoReport => &mut c.no_report,
+            Failure::Superseded => &mut c.superseded,
+            Failure::SendTooLate => &mut c.send_too_late,
+            Failure::SendTimeMismatch => &mut c.send_time_mismatch,
+            Failure::Tof(_) => &mut c.bad_stamps,
+            Failure::UnexpectedEvent => &mut c.unexpected_events,
+        }
+    }
+
+    fn ignored_counter(&mut self, ignored: Ignored) -> &mut u32 {
+        let c = &mut self.counters;
+        match ignored {
+            Ignored::NotOurs(_) | Ignored::ForeignNetwork => &mut c.foreign_frames,
+            Ignored::ForOthers
+            | Ignored::WrongPeer
+            | Ignored::WrongExchange
+            | Ignored::OutOfTurn
+            | Ignored::LeftToOthers => &mut c.others_frames,
+        }
+    }
+}
+
+impl Role {
+    fn on_event(&mut self, event: Event<'_>) -> Step {
+        match self {
+            Self::Initiator { machine, .. } => machine.on_event(event),
+            Self::Responder(machine) => machine.on_event(event),
+        }
+    }
+
+    fn answered(&mut self, peer: Address) {
+        if let Self::Initiator { peers, .. } = self {
+            peers.answered(peer);
+        }
+    }
+
+    fn failed(&mut self) {
+        if let Self::Initiator { peers, polled, .. } = self {
+            peers.failed(*polled);
+        }
+    }
+}
+
+fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}
