@@ -1,7 +1,7 @@
 //! What a board must provide to reach the radio.
 
 use core::convert::Infallible;
-use embedded_hal::spi::{Operation, SpiDevice};
+use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 
 /// The SPI connection to a DW1000: mode 0, most significant bit first, chip
 /// select low during each transaction.
@@ -19,6 +19,36 @@ pub enum SpiSpeed {
     Slow,
     /// As fast as the board can, at most 20 MHz.
     Fast,
+}
+
+/// A [`RadioBus`] made of any SPI device and a way to change its clock.
+#[derive(Debug)]
+pub struct SpiBusWithSpeed<S, F> {
+    device: S,
+    set_speed: F,
+}
+
+impl<S: SpiDevice<u8>, F: FnMut(&mut S, SpiSpeed)> SpiBusWithSpeed<S, F> {
+    /// A bus of `device`, whose clock `set_speed` changes.
+    pub fn new(device: S, set_speed: F) -> Self {
+        Self { device, set_speed }
+    }
+}
+
+impl<S: ErrorType, F> ErrorType for SpiBusWithSpeed<S, F> {
+    type Error = S::Error;
+}
+
+impl<S: SpiDevice<u8>, F> SpiDevice<u8> for SpiBusWithSpeed<S, F> {
+    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), S::Error> {
+        self.device.transaction(operations)
+    }
+}
+
+impl<S: SpiDevice<u8>, F: FnMut(&mut S, SpiSpeed)> RadioBus for SpiBusWithSpeed<S, F> {
+    fn set_speed(&mut self, speed: SpiSpeed) {
+        (self.set_speed)(&mut self.device, speed);
+    }
 }
 
 /// A [`RadioBus`] seen through the traits of embedded-hal 0.2, which

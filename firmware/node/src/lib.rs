@@ -25,7 +25,7 @@ mod peers;
 mod phy;
 mod radio;
 
-pub use bus::{RadioBus, SpiSpeed};
+pub use bus::{RadioBus, SpiBusWithSpeed, SpiSpeed};
 pub use config::{AntennaDelay, NodeConfig, Part};
 pub use diagnostics::Reception;
 pub use node::{Node, StartError};

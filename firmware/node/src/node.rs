@@ -392,6 +392,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     }
 
     fn range_record(&mut self, m: &Measurement, now_us: u64) -> Result<Range, RadioError> {
+        let age_us = self.radio.now()?.since(m.at).to_us();
         let reception = self.radio.reception()?;
         let rx_power_dbm = reception.rx_power_dbm();
         let first_path_power_dbm = reception.first_path_power_dbm();
@@ -403,7 +404,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             flags = flags.with(RangeFlags::INITIATOR);
         }
         Ok(Range {
-            t_us: now_us,
+            t_us: now_us.saturating_sub(u64::from(age_us)),
             peer: m.peer.0,
             exchange: m.exchange,
             raw_m: m.two_way.range_m(SPEED_OF_LIGHT_AIR_M_PER_S) as f32,
@@ -420,6 +421,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     fn failure_counter(&mut self, failure: &Failure) -> &mut u32 {
         let c = &mut self.counters;
         match failure {
+            Failure::NoResponse if self.role.searches() => &mut c.unanswered_searches,
             Failure::NoResponse => &mut c.no_response,
             Failure::NoFinal => &mut c.no_final,
             Failure::NoReport => &mut c.no_report,
@@ -450,6 +452,11 @@ impl Role {
             Self::Initiator { machine, .. } => machine.on_event(event),
             Self::Responder(machine) => machine.on_event(event),
         }
+    }
+
+    /// Whether the running exchange is with whoever answers.
+    fn searches(&self) -> bool {
+        matches!(self, Self::Initiator { polled, .. } if *polled == Address::BROADCAST)
     }
 
     fn answered(&mut self, peer: Address) {

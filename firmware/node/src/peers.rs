@@ -8,8 +8,9 @@ pub const MAX_PEERS: usize = 8;
 /// A peer that was found is dropped after this many exchanges in a row failed.
 const FAILURES_TO_DROP: u8 = 50;
 
-/// Every so many exchanges one goes to all nodes, to find new ones.
-const SEARCH_EVERY: u8 = 16;
+/// After so many exchanges with known peers one goes to all nodes, to find new
+/// ones.
+const SEARCH_AFTER: u8 = 63;
 
 /// The peers of an initiator, polled in turn.
 #[derive(Clone, Debug)]
@@ -52,7 +53,7 @@ impl Peers {
     pub(crate) fn next(&mut self) -> Address {
         if self.search && !self.known.is_full() {
             if self.until_search == 0 {
-                self.until_search = SEARCH_EVERY;
+                self.until_search = SEARCH_AFTER;
                 return Address::BROADCAST;
             }
             self.until_search -= 1;
@@ -123,12 +124,10 @@ mod tests {
         let mut peers = Peers::new(&[]);
         assert!((0..40).all(|_| peers.next() == Address::BROADCAST));
         peers.answered(A);
-        let polled: heapless::Vec<_, 64> = (0..34).map(|_| peers.next()).collect();
-        assert_eq!(
-            polled.iter().filter(|&&p| p == Address::BROADCAST).count(),
-            2
-        );
-        assert_eq!(polled.iter().filter(|&&p| p == A).count(), 32);
+        let polled: heapless::Vec<_, 128> = (0..128).map(|_| peers.next()).collect();
+        let searches = polled.iter().filter(|&&p| p == Address::BROADCAST).count();
+        assert_eq!(searches, 2);
+        assert_eq!(polled.iter().filter(|&&p| p == A).count(), 126);
     }
 
     #[test]

@@ -214,6 +214,12 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         Ok(None)
     }
 
+    /// The radio's clock now.
+    pub(crate) fn now(&mut self) -> Result<DeviceTime, RadioError> {
+        let ticks = ll!(self.ll().sys_time().read())?.value();
+        Ok(DeviceTime::from_ticks(ticks))
+    }
+
     /// How well the last frame was received. Valid until the next one comes.
     pub(crate) fn reception(&mut self) -> Result<Reception, RadioError> {
         let info = ll!(self.ll().rx_finfo().read())?;

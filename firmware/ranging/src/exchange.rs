@@ -97,6 +97,13 @@ pub struct Measurement {
     pub peer: Address,
     /// The exchange's number.
     pub exchange: u8,
+    /// When the response passed this node's antenna, on this node's clock: the
+    /// time that the range belongs to.
+    ///
+    /// With equal reply times the formula weighs the ranges during poll,
+    /// response and final as (d1 + 2 d2 + d3) / 4, so that for moving nodes it
+    /// gives the range in the middle.
+    pub at: DeviceTime,
     /// Time of flight and the responder's clock against the initiator's.
     pub two_way: TwoWay,
 }

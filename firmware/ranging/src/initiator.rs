@@ -45,17 +45,22 @@ enum State {
         poll_tx: DeviceTime,
     },
     SendingFinal {
-        peer: Address,
-        round: Ticks,
-        reply: Ticks,
-        /// The stamp that the final must get for `reply` to be true.
+        half: Half,
+        /// The stamp that the final must get for `half.reply` to be true.
         final_tx: DeviceTime,
     },
     AwaitingReport {
-        peer: Address,
-        round: Ticks,
-        reply: Ticks,
+        half: Half,
     },
+}
+
+/// The initiator's half of a measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Half {
+    peer: Address,
+    response_rx: DeviceTime,
+    round: Ticks,
+    reply: Ticks,
 }
 
 impl Initiator {
@@ -93,13 +98,8 @@ impl Initiator {
             (State::SendingFinal { final_tx, .. }, Event::Sent { at }) if at != final_tx => {
                 self.fail(Failure::SendTimeMismatch)
             }
-            (
-                State::SendingFinal {
-                    peer, round, reply, ..
-                },
-                Event::Sent { .. },
-            ) => {
-                self.state = State::AwaitingReport { peer, round, reply };
+            (State::SendingFinal { half, .. }, Event::Sent { .. }) => {
+                self.state = State::AwaitingReport { half };
                 self.listen()
             }
             (State::SendingPoll { .. } | State::SendingFinal { .. }, Event::SendTooLate) => {
@@ -116,25 +116,13 @@ impl Initiator {
                     Ok(_) => Step::ignore(Ignored::OutOfTurn),
                 }
             }
-            (State::AwaitingReport { peer, round, reply }, Event::Received { bytes, .. }) => {
-                match self.accept(bytes, peer) {
+            (State::AwaitingReport { half }, Event::Received { bytes, .. }) => {
+                match self.accept(bytes, half.peer) {
                     Err(why) => Step::ignore(why),
                     Ok(Frame {
-                        message:
-                            Message::Report {
-                                round: rb,
-                                reply: db,
-                            },
+                        message: Message::Report { round, reply },
                         ..
-                    }) => self.finish(
-                        peer,
-                        &Intervals {
-                            initiator_round: round,
-                            initiator_reply: reply,
-                            responder_round: rb,
-                            responder_reply: db,
-                        },
-                    ),
+                    }) => self.finish(&half, round, reply),
                     Ok(_) => Step::ignore(Ignored::OutOfTurn),
                 }
             }
@@ -153,27 +141,37 @@ impl Initiator {
 
     fn answer(&mut self, peer: Address, poll_tx: DeviceTime, response_rx: DeviceTime) -> Step {
         let (when, final_tx) = self.timing.answer_to(response_rx);
-        let round = response_rx.since(poll_tx);
-        let reply = final_tx.since(response_rx);
-        self.state = State::SendingFinal {
+        let half = Half {
             peer,
-            round,
-            reply,
-            final_tx,
+            response_rx,
+            round: response_rx.since(poll_tx),
+            reply: final_tx.since(response_rx),
         };
-        Step::command(self.send(peer, Message::Final { round, reply }, when))
+        self.state = State::SendingFinal { half, final_tx };
+        let message = Message::Final {
+            round: half.round,
+            reply: half.reply,
+        };
+        Step::command(self.send(peer, message, when))
     }
 
-    fn finish(&mut self, peer: Address, intervals: &Intervals) -> Step {
-        match TwoWay::from_intervals(intervals) {
+    fn finish(&mut self, half: &Half, responder_round: Ticks, responder_reply: Ticks) -> Step {
+        let intervals = Intervals {
+            initiator_round: half.round,
+            initiator_reply: half.reply,
+            responder_round,
+            responder_reply,
+        };
+        match TwoWay::from_intervals(&intervals) {
             Err(error) => self.fail(Failure::Tof(error)),
             Ok(two_way) => {
                 self.state = State::Idle;
                 Step::with(
                     Command::Idle,
                     Outcome::Measured(Measurement {
-                        peer,
+                        peer: half.peer,
                         exchange: self.exchange,
+                        at: half.response_rx,
                         two_way,
                     }),
                 )

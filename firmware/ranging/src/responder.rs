@@ -49,6 +49,7 @@ enum State {
     },
     SendingReport {
         with: Partner,
+        response_tx: DeviceTime,
         result: Result<TwoWay, crate::tof::TofError>,
     },
 }
@@ -141,17 +142,25 @@ impl Responder {
                         responder_round: at.since(response_tx),
                         responder_reply: reply,
                     };
-                    Step::command(self.report(with, &intervals))
+                    Step::command(self.report(with, response_tx, &intervals))
                 }
                 Ok(_) => Step::ignore(Ignored::OutOfTurn),
             },
             (State::AwaitingFinal { .. }, Event::ListenTimeout) => {
                 self.end(Outcome::Failed(Failure::NoFinal))
             }
-            (State::SendingReport { with, result }, Event::Sent { .. }) => self.end(match result {
+            (
+                State::SendingReport {
+                    with,
+                    response_tx,
+                    result,
+                },
+                Event::Sent { .. },
+            ) => self.end(match result {
                 Ok(two_way) => Outcome::Measured(Measurement {
                     peer: with.peer,
                     exchange: with.exchange,
+                    at: response_tx,
                     two_way,
                 }),
                 Err(error) => Outcome::Failed(Failure::Tof(error)),
@@ -188,9 +197,10 @@ impl Responder {
         self.send(with, Message::Response, when)
     }
 
-    fn report(&mut self, with: Partner, intervals: &Intervals) -> Command {
+    fn report(&mut self, with: Partner, response_tx: DeviceTime, intervals: &Intervals) -> Command {
         self.state = State::SendingReport {
             with,
+            response_tx,
             result: TwoWay::from_intervals(intervals),
         };
         let message = Message::Report {

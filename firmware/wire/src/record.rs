@@ -77,7 +77,8 @@ pub enum ResetCause {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Range {
-    /// Time on the node when the exchange ended, in microseconds since its start.
+    /// The time that the range belongs to, when the exchange's response passed
+    /// the node's antenna: in microseconds since the node's start.
     pub t_us: u64,
     /// Short address of the other node.
     pub peer: u16,
@@ -135,7 +136,8 @@ impl RangeFlags {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Status {
-    /// Time on the node in microseconds since its start.
+    /// When this record was made, in microseconds since the node's start.
+    /// Relates the node's clock to the host's.
     pub t_us: u64,
     /// The node's short address.
     pub address: u16,
@@ -151,6 +153,9 @@ pub struct Counters {
     pub ranges: u32,
     /// Initiator: no response to a poll.
     pub no_response: u32,
+    /// Initiator: no response to a poll that went to all nodes in search of new
+    /// ones. Nobody is missing.
+    pub unanswered_searches: u32,
     /// Responder: no final after a response.
     pub no_final: u32,
     /// Initiator: no report after a final.

@@ -66,6 +66,7 @@ fn the_longest_record_fits() {
         counters: Counters {
             ranges: all,
             no_response: all,
+            unanswered_searches: all,
             no_final: all,
             no_report: all,
             superseded: all,
