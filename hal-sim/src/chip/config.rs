@@ -1,0 +1,116 @@
+//! What can be set about a simulated chip.
+
+use crate::air::Motion;
+use crate::clock::ClockConfig;
+use crate::time::SimDuration;
+
+use super::otp::OtpConfig;
+
+/// A chip, its crystal, its antenna and where it is.
+#[derive(Debug)]
+pub struct ChipConfig {
+    /// Crystal.
+    pub clock: ClockConfig,
+    /// Position.
+    pub motion: Motion,
+    /// True delay from the internal transmit time stamp to the antenna, in ticks. What the firmware writes into
+    /// TX_ANTD only changes the reported stamp, so a wrong calibration shows as a range offset.
+    pub tx_antenna_delay_ticks: f64,
+    /// True delay from the antenna to the internal receive time stamp, in ticks.
+    pub rx_antenna_delay_ticks: f64,
+    /// Standard deviation of each receive time stamp in picoseconds.
+    pub rx_noise_ps: f64,
+    /// Contents of the one-time programmable memory.
+    pub otp: OtpConfig,
+    /// Durations inside the chip.
+    pub timing: ChipTiming,
+    /// Less than ideal behaviour.
+    pub quirks: Quirks,
+}
+
+impl Default for ChipConfig {
+    fn default() -> Self {
+        ChipConfig {
+            clock: ClockConfig::default(),
+            motion: Motion::default(),
+            tx_antenna_delay_ticks: 16_456.0,
+            rx_antenna_delay_ticks: 16_456.0,
+            rx_noise_ps: 0.0,
+            otp: OtpConfig::default(),
+            timing: ChipTiming::default(),
+            quirks: Quirks::default(),
+        }
+    }
+}
+
+/// Durations inside the chip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChipTiming {
+    /// From power-on or release of RST until SPI answers (INIT state): the crystal starts. Assumed; drivers wait
+    /// 2 ms or more.
+    pub start_up: SimDuration,
+    /// From INIT until the clock PLL has locked (IDLE state).
+    pub pll_lock: SimDuration,
+    /// From LDELOAD until the microcode is loaded (User Manual 2.5.5.10: 150 us).
+    pub lde_load: SimDuration,
+    /// From TXSTRT until the first preamble symbol can leave.
+    pub tx_start_up: SimDuration,
+    /// From RXENAB until the receiver hears (User Manual 7.2.15, RXENAB: 16 us).
+    pub rx_start_up: SimDuration,
+    /// From the RMARKER until the leading edge has been found (LDEDONE). Assumed; shorter than the PHR, so that it
+    /// comes before RXDFR, as drivers that look at RXFCG alone take for granted.
+    pub lde_run: SimDuration,
+    /// Preamble that the receiver needs before it notices a frame, in preamble acquisition chunks (PAC).
+    pub detection_pacs: u32,
+    /// Highest SPI clock while the chip runs from its crystal: before the PLL locks or with SYSCLKS = XTI.
+    pub slow_spi_max_hz: u32,
+}
+
+impl Default for ChipTiming {
+    fn default() -> Self {
+        ChipTiming {
+            start_up: SimDuration::from_us(1_000),
+            pll_lock: SimDuration::from_us(200),
+            lde_load: SimDuration::from_us(150),
+            tx_start_up: SimDuration::from_us(10),
+            rx_start_up: SimDuration::from_us(16),
+            lde_run: SimDuration::from_us(20),
+            detection_pacs: 2,
+            slow_spi_max_hz: 3_000_000,
+        }
+    }
+}
+
+/// Less than ideal behaviour, each part switchable.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quirks {
+    /// After a receive error or timeout, receive time stamps are wrong by up to this many ticks until the receiver
+    /// has been reset through PMSC_CTRL0 (User Manual 4.1.6, "RX message timestamp"). The manual does not say by how
+    /// much; the error here is uniform. 0 switches it off.
+    pub stale_receiver_error_ticks: u32,
+    /// How RX_FQUAL and the first path amplitudes follow the power received.
+    pub level_report: LevelReport,
+    /// Frequency change of one step of the crystal trim, in ppm; more trim is slower. 0 switches it off.
+    pub xtal_trim_ppm_per_step: f64,
+}
+
+impl Default for Quirks {
+    fn default() -> Self {
+        Quirks {
+            stale_receiver_error_ticks: 1_000,
+            level_report: LevelReport::Linear,
+            xtal_trim_ppm_per_step: 1.5,
+        }
+    }
+}
+
+/// How the diagnostics follow the power received.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LevelReport {
+    /// The User Manual's formulas give back the simulated power, up to the 16 bits of the registers: about
+    /// -62 dBm at PRF 64 MHz and -54 dBm at 16 MHz with 128 symbols of preamble, less with longer preambles.
+    Linear,
+    /// Above -88 dBm the formulas read low, as figure 22 of the User Manual shows (the usual straight-line fit:
+    /// actual = reported + (reported + 88) k, with k = 2.33 at PRF 16 MHz and 1.17 at 64 MHz).
+    Compressed,
+}
