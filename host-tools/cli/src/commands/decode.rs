@@ -1,0 +1,145 @@
+//! `nova decode`: what a board has sent, as JSON lines.
+
+use crate::error::bad_input;
+use anyhow::{Context, Result};
+use nova_wire::{Decoder, Event, Record, Statistics, Trouble};
+use serde::Serialize;
+use std::io::{BufWriter, Read, Write};
+use std::path::PathBuf;
+
+/// Prints a captured byte stream from a board as JSON lines.
+///
+/// Each record is one line: {"sequence": .., "range": {..}}, with "lost" where
+/// frames are missing before it. Frames that give no record are lines too:
+/// {"trouble": ..}. The last line counts records and lost, corrupt and unknown
+/// frames: {"end": {..}}. docs/wire-format.md says what the records hold.
+///
+/// A capture file that ends inside a frame was cut off: that is an error and
+/// nothing is printed, unless --truncated is given. Standard input is decoded
+/// as it comes.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  nova decode capture.bin
+  nova decode capture.bin | grep '\"range\"'
+  cat /dev/ttyACM0 | nova decode -")]
+pub(crate) struct Decode {
+    /// The captured bytes; `-` for standard input.
+    #[arg(value_name = "FILE|-")]
+    file: PathBuf,
+    /// Print what is whole of a capture that was cut off.
+    #[arg(long)]
+    truncated: bool,
+}
+
+/// One line of output.
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Line<'a> {
+    Trouble(&'a str),
+    End(&'a Statistics),
+    #[serde(untagged)]
+    Record {
+        sequence: u16,
+        #[serde(skip_serializing_if = "is_zero")]
+        lost: u16,
+        #[serde(flatten)]
+        record: &'a Record,
+    },
+}
+
+fn is_zero(lost: &u16) -> bool {
+    *lost == 0
+}
+
+impl Decode {
+    pub(crate) fn run(self) -> Result<()> {
+        let mut stdout = std::io::stdout().lock();
+        if self.file.as_os_str() == "-" {
+            let out = BufWriter::new(stdout);
+            return self.decode(std::io::stdin().lock(), out, "standard input");
+        }
+        let path = self.file.display();
+        let bytes = std::fs::read(&self.file)
+            .map_err(|error| bad_input!("{path}: cannot be read: {error}"))?;
+        self.check(&bytes)?;
+        // A file that turns out bad as a whole prints nothing.
+        let mut lines = Vec::new();
+        self.decode(&*bytes, &mut lines, &path.to_string())?;
+        Ok(stdout.write_all(&lines)?)
+    }
+
+    /// Refuses a file as a whole before anything of it is printed.
+    fn check(&self, bytes: &[u8]) -> Result<()> {
+        let path = self.file.display();
+        if bytes.is_empty() {
+            return Err(bad_input!("{path}: the file is empty"));
+        }
+        let whole = bytes.iter().rposition(|&b| b == 0).map_or(0, |at| at + 1);
+        if whole < bytes.len() && !self.truncated {
+            return Err(bad_input!(
+                "{path}: byte {whole}: the capture ends inside a frame; \
+                 --truncated prints what is whole before it"
+            ));
+        }
+        Ok(())
+    }
+
+    fn decode(&self, mut input: impl Read, mut out: impl Write, name: &str) -> Result<()> {
+        let mut decoder = Decoder::new();
+        let mut chunk = [0; 4096];
+        let cut_off = loop {
+            let count = match input.read(&mut chunk) {
+                Ok(0) => break decoder.finish(),
+                Ok(count) => count,
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
+                Err(error) => return Err(error).with_context(|| format!("{name}: reading failed")),
+            };
+            for event in chunk.iter().take(count).filter_map(|&b| decoder.push(b)) {
+                print(&mut out, &line(&event))?;
+            }
+            // Whoever watches a live stream sees what has come.
+            out.flush()?;
+        };
+        if let Some(event) = &cut_off {
+            print(&mut out, &line(event))?;
+        }
+        let statistics = decoder.statistics();
+        print(&mut out, &Line::End(statistics))?;
+        out.flush()?;
+        if statistics.records == 0 && statistics.unknown == 0 {
+            return Err(bad_input!(
+                "{name}: no frame in {} bytes: is this what a board sent, at {} baud?",
+                statistics.bytes,
+                crate::sim_node::BAUD
+            ));
+        }
+        if cut_off.is_some() && !self.truncated {
+            return Err(bad_input!("{name}: the stream ends inside a frame"));
+        }
+        Ok(())
+    }
+}
+
+fn print(out: &mut impl Write, line: &Line<'_>) -> Result<()> {
+    serde_json::to_writer(&mut *out, line)?;
+    Ok(out.write_all(b"\n")?)
+}
+
+fn line(event: &Event) -> Line<'_> {
+    match event {
+        Event::Record {
+            sequence,
+            lost,
+            record,
+        } => Line::Record {
+            sequence: *sequence,
+            lost: *lost,
+            record,
+        },
+        Event::Trouble(trouble) => Line::Trouble(match trouble {
+            Trouble::Corrupt => "corrupt",
+            Trouble::Version(_) => "unknown protocol version",
+            Trouble::Unknown(_) => "unknown record",
+        }),
+    }
+}
