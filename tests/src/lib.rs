@@ -1,6 +1,8 @@
 //! What the tests across crates share: networks of simulated boards that run
-//! the firmware's node, and what their serial ports said.
+//! the firmware's node, what their serial ports said, and scenarios from files.
 
 mod network;
+mod scenario;
 
 pub use network::{BoardLog, Network, NetworkError};
+pub use scenario::{Action, Board, BoardRole, Expectation, FrameFault, Link, Scenario};

@@ -1,0 +1,81 @@
+//! The examples in docs/wire-format.md are what encoder and decoder do.
+#![allow(clippy::unwrap_used)]
+
+use nova_wire::{
+    Boot, Decoder, Encoder, Event, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record, ResetCause,
+    Role,
+};
+
+const PAGE: &str = include_str!("../../../docs/wire-format.md");
+
+/// The bytes of the code blocks of this kind, hexadecimal words at the start
+/// of each line.
+fn blocks(kind: &str) -> Vec<Vec<u8>> {
+    PAGE.split(&format!("```{kind}\n"))
+        .skip(1)
+        .map(|rest| {
+            let block = rest.split("```").next().unwrap();
+            block
+                .lines()
+                .flat_map(|line| {
+                    line.split(' ')
+                        .map_while(|word| u8::from_str_radix(word, 16).ok())
+                        .collect::<Vec<_>>()
+                })
+                .collect()
+        })
+        .collect()
+}
+
+fn records() -> [Record; 2] {
+    [
+        Record::Boot(Boot {
+            address: 0x0A1B,
+            pan: 0xDECA,
+            role: Role::Anchor,
+            firmware: [0, 1, 0],
+            reset_cause: ResetCause::Watchdog,
+        }),
+        Record::Range(Range {
+            t_us: 1_234_567,
+            peer: 0x0102,
+            exchange: 200,
+            raw_m: 12.5,
+            filtered_m: None,
+            quality: Quality {
+                rx_power_dbm: -81.5,
+                first_path_power_dbm: -83.25,
+                clock_offset_ppm: -3.0,
+                flags: RangeFlags::INITIATOR,
+            },
+        }),
+    ]
+}
+
+#[test]
+fn the_specified_frames_are_what_the_encoder_makes_and_the_decoder_reads() {
+    let frames = blocks("frame");
+    assert_eq!(frames.len(), 2);
+    let mut encoder = Encoder::new();
+    let mut decoder = Decoder::new();
+    for (frame, record) in frames.iter().zip(records()) {
+        let mut buffer = [0; MAX_FRAME_LEN];
+        assert_eq!(encoder.encode(&record, &mut buffer).unwrap(), frame);
+        let read: Vec<Event> = frame.iter().filter_map(|&b| decoder.push(b)).collect();
+        assert!(matches!(read[..], [Event::Record { record: r, lost: 0, .. }] if r == record));
+    }
+}
+
+#[test]
+fn the_specified_contents_are_those_of_the_frames() {
+    let contents: Vec<_> = blocks("text")
+        .into_iter()
+        .filter(|bytes| bytes.first() == Some(&1))
+        .collect();
+    assert_eq!(contents.len(), 2);
+    for (frame, content) in blocks("frame").iter().zip(contents) {
+        let mut stuffed = frame[1..frame.len() - 1].to_vec();
+        let len = cobs::decode_in_place(&mut stuffed).unwrap();
+        assert_eq!(stuffed[..len], content[..]);
+    }
+}

@@ -1,0 +1,347 @@
+//! Scenarios: TOML files that say who is where, what goes wrong, and what must
+//! come of it. tests/scenarios/README.md explains every key.
+
+use crate::network::{BoardLog, Network};
+use nova_hal_sim::{
+    BoardConfig, ChannelConfig, ClockConfig, Fault, FaultAction, LinkEffect, Motion, SimConfig,
+};
+use nova_node::ranging::{Address, PanId};
+use nova_node::{NodeConfig, Part};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// A scenario as written.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// What the scenario is about, for people.
+    pub about: String,
+    /// Everything random follows from this number.
+    pub seed: u64,
+    /// Simulated time.
+    pub duration_s: f64,
+    /// Probability that a receiver misses a frame.
+    #[serde(default)]
+    pub loss_probability: f64,
+    /// The boards.
+    pub board: Vec<Board>,
+    /// What stands between two boards.
+    #[serde(default)]
+    pub link: Vec<Link>,
+    /// Frames that are dropped or damaged.
+    #[serde(default)]
+    pub fault: Vec<FrameFault>,
+    /// What must come of it.
+    pub expect: Vec<Expectation>,
+}
+
+/// A board and its node.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Board {
+    /// For the other tables.
+    pub name: String,
+    /// Short address.
+    pub address: u16,
+    /// `tag` or `anchor`, which sets the part.
+    pub role: BoardRole,
+    /// Where, in metres.
+    pub position_m: [f64; 3],
+    /// Where to, in m/s.
+    #[serde(default)]
+    pub velocity_m_per_s: [f64; 3],
+    /// Network; the default one if absent.
+    pub pan: Option<u16>,
+    /// Frequency error of the crystal.
+    #[serde(default)]
+    pub clock_ppm: f64,
+    /// Change of the frequency error.
+    #[serde(default)]
+    pub clock_drift_ppm_per_s: f64,
+    /// The clock's reading at the start, in ticks.
+    #[serde(default)]
+    pub clock_offset_ticks: u64,
+    /// Standard deviation of each receive time stamp.
+    #[serde(default)]
+    pub rx_noise_ps: f64,
+    /// Anchors: from one exchange to the next.
+    pub period_us: Option<u32>,
+    /// Anchors: addresses to poll; whoever is there if empty.
+    #[serde(default)]
+    pub peers: Vec<u16>,
+}
+
+/// What a board is for.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BoardRole {
+    /// Answers.
+    Tag,
+    /// Polls.
+    Anchor,
+}
+
+/// What stands between two boards.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Link {
+    /// The two boards' names.
+    pub between: [String; 2],
+    /// The detour of the first path that arrives, in metres.
+    #[serde(default)]
+    pub detour_m: f64,
+    /// Power lost on top of the distance.
+    #[serde(default)]
+    pub loss_db: f64,
+    /// How much the first path is below all paths together.
+    #[serde(default)]
+    pub first_path_loss_db: f64,
+}
+
+/// Frames that are dropped or damaged.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameFault {
+    /// The sender's name.
+    pub from: String,
+    /// The sender's frames with these numbers, first and one past the last, from 0.
+    pub frames: [u64; 2],
+    /// What happens to them.
+    pub action: Action,
+}
+
+/// What happens to a frame.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Action {
+    /// Nobody hears it.
+    Drop,
+    /// It arrives with wrong bits.
+    Corrupt,
+}
+
+/// What one board must say.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Expectation {
+    /// The board's name.
+    pub board: String,
+    /// Whom its ranges are to, by name; all ranges if absent.
+    pub to: Option<String>,
+    /// Least and most ranges.
+    pub ranges: [usize; 2],
+    /// Most that the mean error may be, in metres.
+    pub mean_error_below_m: Option<f64>,
+    /// Most that any error may be, in metres.
+    pub worst_error_below_m: Option<f64>,
+    /// Added to the true distance before errors are taken, in metres.
+    #[serde(default)]
+    pub offset_m: f64,
+    /// Least and most of counters, by name.
+    #[serde(default)]
+    pub counters: BTreeMap<String, [u32; 2]>,
+    /// Flags that all these ranges must have, as a number.
+    pub flags: Option<u8>,
+}
+
+impl Scenario {
+    /// Reads a scenario.
+    ///
+    /// # Errors
+    /// Says what is wrong and on which line.
+    pub fn parse(toml: &str) -> Result<Self, String> {
+        toml::from_str(toml).map_err(|error| error.to_string())
+    }
+
+    /// Plays it through.
+    ///
+    /// # Errors
+    /// All expectations that were not met, one a line.
+    pub fn run(&self) -> Result<(), String> {
+        let mut network = Network::new(SimConfig {
+            seed: self.seed,
+            channel: ChannelConfig {
+                loss_probability: self.loss_probability,
+                ..ChannelConfig::default()
+            },
+        });
+        for board in &self.board {
+            network.add(board.hardware(), board.node());
+        }
+        for link in &self.link {
+            let [a, b] = [
+                self.id(&network, &link.between[0])?,
+                self.id(&network, &link.between[1])?,
+            ];
+            network.sim().set_link_effect(a, b, link.effect());
+        }
+        for fault in &self.fault {
+            let from = self.id(&network, &fault.from)?;
+            network.sim().add_fault(Fault {
+                from,
+                to: None,
+                frames: fault.frames[0]..fault.frames[1],
+                action: match fault.action {
+                    Action::Drop => FaultAction::Drop,
+                    Action::Corrupt => FaultAction::Corrupt,
+                },
+            });
+        }
+        network
+            .run_until_s(self.duration_s)
+            .map_err(|error| error.to_string())?;
+
+        let mut unmet = String::new();
+        for expectation in &self.expect {
+            let index = self.index(&expectation.board)?;
+            let log = network.log(index).ok_or("no log")?;
+            self.check(expectation, log, &mut unmet)?;
+        }
+        if unmet.is_empty() { Ok(()) } else { Err(unmet) }
+    }
+
+    fn check(&self, e: &Expectation, log: &BoardLog, unmet: &mut String) -> Result<(), String> {
+        let mut miss = |what: String| {
+            // Writing to a string cannot fail.
+            let _ = writeln!(unmet, "{}: {what}", e.board);
+        };
+        let board = &self.board[self.index(&e.board)?];
+        let to = match &e.to {
+            Some(name) => Some(&self.board[self.index(name)?]),
+            None => None,
+        };
+        let ranges: Vec<_> = log
+            .ranges
+            .iter()
+            .filter(|range| to.is_none_or(|to| range.peer == to.address))
+            .collect();
+        if !(e.ranges[0]..=e.ranges[1]).contains(&ranges.len()) {
+            miss(format!(
+                "{} ranges, not {} to {}; {:?}",
+                ranges.len(),
+                e.ranges[0],
+                e.ranges[1],
+                log.counters
+            ));
+        }
+        if log.wire.lost + log.wire.corrupt > 0 {
+            miss(format!("its serial port lost something: {:?}", log.wire));
+        }
+        if let Some(to) = to {
+            let errors: Vec<f64> = ranges
+                .iter()
+                .map(|range| {
+                    // Boards boot 5 ms after the simulation starts.
+                    let t_s = range.t_us as f64 * 1e-6 + 0.005;
+                    let distance_m = distance_m(board.at(t_s), to.at(t_s));
+                    f64::from(range.raw_m) - distance_m - e.offset_m
+                })
+                .collect();
+            let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
+            if e.mean_error_below_m.is_some_and(|limit| mean.abs() > limit) {
+                miss(format!("mean error {mean:.4} m"));
+            }
+            let worst = errors
+                .iter()
+                .fold(0.0_f64, |worst, error| worst.max(error.abs()));
+            if e.worst_error_below_m.is_some_and(|limit| worst > limit) {
+                miss(format!("worst error {worst:.4} m"));
+            }
+        }
+        if let Some(flags) = e.flags
+            && let Some(range) = ranges.iter().find(|r| r.quality.flags.0 & flags != flags)
+        {
+            miss(format!(
+                "flags {:#b} instead of {flags:#b}",
+                range.quality.flags.0
+            ));
+        }
+        let counters = toml::Table::try_from(log.counters).map_err(|error| error.to_string())?;
+        for (name, [least, most]) in &e.counters {
+            let count = counters
+                .get(name)
+                .and_then(toml::Value::as_integer)
+                .ok_or_else(|| format!("there is no counter called {name}"))?;
+            if !(i64::from(*least)..=i64::from(*most)).contains(&count) {
+                miss(format!("{name} is {count}, not {least} to {most}"));
+            }
+        }
+        Ok(())
+    }
+
+    fn index(&self, name: &str) -> Result<usize, String> {
+        self.board
+            .iter()
+            .position(|board| board.name == name)
+            .ok_or_else(|| format!("there is no board called {name}"))
+    }
+
+    fn id(&self, network: &Network, name: &str) -> Result<nova_hal_sim::BoardId, String> {
+        network
+            .id(self.index(name)?)
+            .ok_or_else(|| format!("there is no board called {name}"))
+    }
+}
+
+impl Board {
+    fn at(&self, t_s: f64) -> [f64; 3] {
+        let [x, y, z] = self.position_m;
+        let [vx, vy, vz] = self.velocity_m_per_s;
+        [x + vx * t_s, y + vy * t_s, z + vz * t_s]
+    }
+
+    fn hardware(&self) -> BoardConfig {
+        let (position, velocity) = (self.position_m, self.velocity_m_per_s);
+        let motion = Motion::path(move |t_s| {
+            let [x, y, z] = position;
+            let [vx, vy, vz] = velocity;
+            [x + vx * t_s, y + vy * t_s, z + vz * t_s]
+        });
+        BoardConfig {
+            name: self.name.clone(),
+            clock: ClockConfig {
+                offset_ticks: self.clock_offset_ticks,
+                ppm: self.clock_ppm,
+                drift_ppm_per_s: self.clock_drift_ppm_per_s,
+            },
+            motion,
+            rx_noise_ps: self.rx_noise_ps,
+            ..BoardConfig::default()
+        }
+    }
+
+    fn node(&self) -> NodeConfig {
+        let address = Address(self.address);
+        let mut config = match self.role {
+            BoardRole::Tag => NodeConfig::tag(address),
+            BoardRole::Anchor => NodeConfig::anchor(address),
+        };
+        if let Some(pan) = self.pan {
+            config.identity.pan = PanId(pan);
+        }
+        if let Part::Initiator { period_us, peers } = &mut config.part {
+            *period_us = self.period_us.unwrap_or(*period_us);
+            peers.extend(self.peers.iter().map(|&peer| Address(peer)));
+        }
+        config
+    }
+}
+
+impl Link {
+    fn effect(&self) -> LinkEffect {
+        LinkEffect {
+            extra_delay_ps: self.detour_m / ChannelConfig::default().speed_m_per_s * 1e12,
+            loss_db: self.loss_db,
+            first_path_loss_db: self.first_path_loss_db,
+        }
+    }
+}
+
+fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).powi(2))
+        .sum::<f64>()
+        .sqrt()
+}
