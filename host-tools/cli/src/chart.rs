@@ -52,6 +52,9 @@ const MARGIN_PX: u32 = 12;
 const X_AXIS_PX: u32 = 42;
 const Y_AXIS_PX: u32 = 60;
 
+/// Font and its size in pixels.
+const LABELS: (&str, u32) = ("sans-serif", 14);
+
 impl Chart<'_> {
     /// The chart as an SVG element.
     pub(crate) fn svg(&self) -> Result<String> {
@@ -71,12 +74,16 @@ impl Chart<'_> {
                 .y_desc(self.y_label)
                 .light_line_style(WHITE)
                 .bold_line_style(RGBColor(228, 228, 228))
+                .label_style(LABELS)
+                .axis_desc_style(LABELS)
                 .draw()?;
             for series in self.series {
                 draw(&mut chart, series)?;
             }
             chart
                 .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .label_font(LABELS)
                 .background_style(WHITE.mix(0.85))
                 .border_style(RGBColor(180, 180, 180))
                 .draw()?;

@@ -71,10 +71,9 @@ const START_HEIGHT_M: f64 = 14.0;
 const CLIMB_M: f64 = -6.0;
 
 /// Errors of the simulated boards that do not average out. Their antenna delays
-/// are calibrated, but clocks that both run 20 ppm fast stretch the 515 ns of
-/// them by 3 mm of range; and the time stamps of the host are half a
-/// millisecond late, 1 mm at 2 m/s.
-const SYSTEMATIC_SIGMA_M: f64 = 0.002;
+/// are calibrated, but crystals that both run fast stretch these 515 ns: 1.3 mm
+/// rms for two crystals anywhere within 20 ppm.
+const SYSTEMATIC_SIGMA_M: f64 = 0.0013;
 
 /// What chance decides.
 struct Draw {
