@@ -74,7 +74,14 @@ fn a_capture_becomes_one_json_line_a_record_and_the_counts() {
 #[test]
 fn the_demonstration_finds_the_tag_and_writes_a_page_that_needs_nothing_else() {
     let nova = Nova::new();
-    let said = nova.run(&["demo", "--json", "--csv", "flight.csv"]);
+    let said = nova.run(&[
+        "demo",
+        "--json",
+        "--csv",
+        "flight.csv",
+        "--capture",
+        "anchor.bin",
+    ]);
     assert_eq!((said.code, said.err.as_str()), (0, ""));
     let result = &said.json()[0];
     assert_eq!(result["observable"], true);
@@ -86,13 +93,19 @@ fn the_demonstration_finds_the_tag_and_writes_a_page_that_needs_nothing_else() {
         said.out
     );
     assert_eq!(result["wire"]["lost"], 0);
-    assert_eq!(nova.files(), ["flight.csv", "nova-demo.html"]);
+    assert_eq!(nova.files(), ["anchor.bin", "flight.csv", "nova-demo.html"]);
 
     let page = std::fs::read_to_string(nova.folder.path().join("nova-demo.html")).unwrap();
     assert_eq!(page.matches("<svg").count(), 3);
     for elsewhere in ["<script src", "<link", "src=\"http", "url("] {
         assert!(!page.contains(elsewhere), "the page needs {elsewhere}");
     }
+
+    // The bytes it wrote hold the records it counted.
+    let decoded = nova.run(&["decode", "anchor.bin"]).json();
+    let end = &decoded.last().unwrap()["end"];
+    assert_eq!(end["records"], result["wire"]["records"]);
+    assert_eq!(decoded[0]["boot"]["role"], "anchor");
 
     // The measurements it wrote lead `nova solve` to the same place.
     let solved = &nova.run(&["solve", "flight.csv", "--json"]).json()[0];

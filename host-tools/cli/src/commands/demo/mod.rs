@@ -30,6 +30,7 @@ use std::path::{Path, PathBuf};
   nova demo
   nova demo --seed 7 --out seven.html
   nova demo --csv flight.csv && nova solve flight.csv
+  nova demo --capture anchor.bin && nova decode anchor.bin
   nova demo --range-noise-ps 300 --position-noise 0.1 --json")]
 pub(crate) struct Demo {
     /// Everything random follows from this number.
@@ -41,6 +42,9 @@ pub(crate) struct Demo {
     /// Also write the measurements as a CSV file for `nova solve`.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Also write what the anchor's serial port sent, for `nova decode`.
+    #[arg(long, value_name = "FILE")]
+    capture: Option<PathBuf>,
     /// One JSON object instead of text.
     #[arg(long)]
     json: bool,
@@ -84,6 +88,7 @@ struct Draw {
 
 /// What the host has after the flight.
 struct Flight {
+    bytes: Vec<u8>,
     ranges: Vec<Range>,
     clock: BoardClock,
     counters: Option<Counters>,
@@ -145,6 +150,9 @@ impl Demo {
         };
         let found = multilaterate(&measurements, &options)?;
 
+        if let Some(file) = &self.capture {
+            write_whole(file, &flight.bytes)?;
+        }
         if let Some(file) = &self.csv {
             write_csv(file, &measurements)?;
         }
@@ -201,6 +209,7 @@ impl Demo {
         let bar = screen::progress(steps, self.json);
         let mut decoder = Decoder::new();
         let mut flight = Flight {
+            bytes: Vec::new(),
             ranges: Vec::new(),
             clock: BoardClock::default(),
             counters: None,
@@ -210,6 +219,7 @@ impl Demo {
             sim.run_until(SimTime::from_s_f64(step as f64 * STEP_S))?;
             for chunk in sim.uart(anchor) {
                 let arrival_s = chunk.t.as_s_f64();
+                flight.bytes.extend_from_slice(&chunk.bytes);
                 for event in chunk.bytes.iter().filter_map(|&b| decoder.push(b)) {
                     flight.take(&event, arrival_s);
                 }
