@@ -1,8 +1,8 @@
 //! A network of simulated boards.
 
 use nova_cli::sim_node;
-use nova_hal_sim::{BoardConfig, BoardId, SimConfig, SimError, SimTime, Simulation, UartConfig};
-use nova_node::NodeConfig;
+use nova_hal_sim::{BoardConfig, BoardId, SimConfig, SimError, SimTime, Simulation};
+use nova_node::{ConfigError, NodeConfig};
 use nova_wire::{Counters, Decoder, Event, Range, Record, Statistics};
 
 /// Boards in one air, each running the firmware's node.
@@ -37,19 +37,13 @@ impl Network {
     }
 
     /// Adds a board that runs a node; returns its index.
-    pub fn add(&mut self, board: BoardConfig, node: NodeConfig) -> usize {
-        let board = BoardConfig {
-            uart: UartConfig {
-                baud: sim_node::BAUD,
-                ..board.uart
-            },
-            ..board
-        };
-        let id = self
-            .sim
-            .add_board(board, move |hal| sim_node::run(&hal, node));
+    ///
+    /// # Errors
+    /// A setting of the node that cannot work.
+    pub fn add(&mut self, board: BoardConfig, node: NodeConfig) -> Result<usize, ConfigError> {
+        let id = sim_node::add(&mut self.sim, board, node)?;
         self.boards.push((id, Decoder::new(), BoardLog::default()));
-        self.boards.len() - 1
+        Ok(self.boards.len() - 1)
     }
 
     /// The simulation underneath, for faults and links.

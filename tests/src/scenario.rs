@@ -4,6 +4,7 @@
 use crate::network::{BoardLog, Network};
 use nova_hal_sim::{
     BoardConfig, ChannelConfig, ClockConfig, Fault, FaultAction, LinkEffect, Motion, SimConfig,
+    SimDuration, SpiTiming,
 };
 use nova_node::ranging::{Address, PanId};
 use nova_node::{NodeConfig, Part};
@@ -70,6 +71,12 @@ pub struct Board {
     /// Anchors: addresses to poll; whoever is there if empty.
     #[serde(default)]
     pub peers: Vec<u16>,
+    /// From a frame received to the answer sent; the firmware's if absent.
+    pub reply_us: Option<u32>,
+    /// Work of the processor for each SPI transaction, on top of the transfer.
+    pub cpu_per_transaction_us: Option<u64>,
+    /// From power-on until the board's code begins.
+    pub boot_delay_ms: Option<u64>,
 }
 
 /// What a board is for.
@@ -167,7 +174,9 @@ impl Scenario {
             },
         });
         for board in &self.board {
-            network.add(board.hardware(), board.node());
+            network
+                .add(board.hardware(), board.node())
+                .map_err(|error| format!("{}: {error}", board.name))?;
         }
         for link in &self.link {
             let [a, b] = [
@@ -232,8 +241,7 @@ impl Scenario {
             let errors: Vec<f64> = ranges
                 .iter()
                 .map(|range| {
-                    // Boards boot 5 ms after the simulation starts.
-                    let t_s = range.t_us as f64 * 1e-6 + 0.005;
+                    let t_s = board.boot_s() + range.t_us as f64 * 1e-6;
                     let distance_m = distance_m(board.at(t_s), to.at(t_s));
                     f64::from(range.raw_m) - distance_m - e.offset_m
                 })
@@ -291,6 +299,11 @@ impl Board {
         [x + vx * t_s, y + vy * t_s, z + vz * t_s]
     }
 
+    /// When the board's own time begins.
+    fn boot_s(&self) -> f64 {
+        self.hardware().boot_delay.as_s_f64()
+    }
+
     fn hardware(&self) -> BoardConfig {
         let (position, velocity) = (self.position_m, self.velocity_m_per_s);
         let motion = Motion::path(move |t_s| {
@@ -298,6 +311,7 @@ impl Board {
             let [vx, vy, vz] = velocity;
             [x + vx * t_s, y + vy * t_s, z + vz * t_s]
         });
+        let default = BoardConfig::default();
         BoardConfig {
             name: self.name.clone(),
             clock: ClockConfig {
@@ -307,7 +321,15 @@ impl Board {
             },
             motion,
             rx_noise_ps: self.rx_noise_ps,
-            ..BoardConfig::default()
+            boot_delay: self
+                .boot_delay_ms
+                .map_or(default.boot_delay, SimDuration::from_ms),
+            spi: SpiTiming {
+                before: default.spi.before
+                    + SimDuration::from_us(self.cpu_per_transaction_us.unwrap_or(0)),
+                ..default.spi
+            },
+            ..default
         }
     }
 
@@ -317,6 +339,7 @@ impl Board {
             BoardRole::Tag => NodeConfig::tag(address),
             BoardRole::Anchor => NodeConfig::anchor(address),
         };
+        config.reply_us = self.reply_us.unwrap_or(config.reply_us);
         if let Some(pan) = self.pan {
             config.identity.pan = PanId(pan);
         }

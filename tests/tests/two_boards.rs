@@ -51,9 +51,10 @@ impl Pair {
             peers: [Address(2)].into_iter().collect(),
         };
         // Both clocks wrap, at different times, while the test runs.
-        let a = network.add(board("anchor", 0.0, ppm_a, 1 << 39), anchor);
+        let a = board("anchor", 0.0, ppm_a, 1 << 39);
+        let a = network.add(a, anchor).unwrap();
         let b = board("tag", self.distance_m, ppm_b, 12_345_678);
-        network.add(b, NodeConfig::tag(Address(2)));
+        network.add(b, NodeConfig::tag(Address(2))).unwrap();
         let duration_s = EXCHANGES as f64 * f64::from(period_us) * 1e-6 + 0.1;
         network.run_until_s(duration_s).unwrap();
         network.log(a).unwrap().clone()

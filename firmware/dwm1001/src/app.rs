@@ -49,7 +49,9 @@ pub async fn run(spawner: Spawner, role: Role) -> ! {
     let radio = Radio::new(board.radio);
     let mut interrupt = radio.interrupt;
 
-    let mut node = Node::new(radio.bus, radio.reset, Delay, config);
+    let Ok(mut node) = Node::new(radio.bus, radio.reset, Delay, config) else {
+        fault::restart("a setting cannot work");
+    };
     if let Err(error) = node.start(now_us()) {
         defmt::error!("{}", error);
     }

@@ -1,6 +1,7 @@
 //! Panics and faults: say why, then start afresh. A node in the field has nobody to press its button.
 
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
@@ -11,10 +12,18 @@ use nova_wire::ResetCause;
 /// log from RAM in that time.
 const LOG_GRACE_CYCLES: u32 = 3_200_000;
 
+/// Set by the first panic. A panic while logging must not log again: the logger
+/// would panic at that, and so on.
+static PANICKED: AtomicBool = AtomicBool::new(false);
+
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
-    defmt::error!("panic: {}", defmt::Display2Format(info));
+    // Interrupts are off, so nothing comes between load and store.
+    if !PANICKED.load(Ordering::Relaxed) {
+        PANICKED.store(true, Ordering::Relaxed);
+        defmt::error!("panic: {}", defmt::Display2Format(info));
+    }
     reset()
 }
 

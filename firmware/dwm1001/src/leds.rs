@@ -42,7 +42,7 @@ pub(crate) struct Leds {
     range: Led,
     /// In the last second an exchange or the radio failed.
     failure: Led,
-    /// In the last second the host did not keep up and records were dropped.
+    /// In the last second the serial line was too slow and records were dropped.
     dropped: Led,
     heartbeat_us: u64,
     failures: u32,

@@ -28,7 +28,7 @@ impl RadioSpi {
     fn config(speed: SpiSpeed) -> spim::Config {
         let mut config = spim::Config::default();
         config.frequency = match speed {
-            // Below the 3 MHz that the DW1000 takes before its PLL is locked (User Manual 2.3.2).
+            // Below the 3 MHz that the DW1000 takes before its PLL is locked (user manual, 2.3.2).
             SpiSpeed::Slow => Frequency::M2,
             // The most the nRF52832 can; the DW1000 would take 20 MHz.
             SpiSpeed::Fast => Frequency::M8,
@@ -43,7 +43,7 @@ impl ErrorType for RadioSpi {
 
 impl SpiDevice for RadioSpi {
     /// nRF52832 anomaly 58 clocks an extra byte out when one byte is sent and received at once.
-    /// A DW1000 transaction never does: each has a header of its own in front of its data.
+    /// The node never does: each of its transactions has a header in front of some data.
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Self::Error> {
         self.device.transaction(operations)
     }

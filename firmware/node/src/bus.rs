@@ -15,7 +15,7 @@ pub trait RadioBus: SpiDevice<u8> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SpiSpeed {
     /// At most 3 MHz: until the radio's clock PLL has locked. Anything faster
-    /// then upsets the radio until its next reset (user manual, section 2.3.1).
+    /// then upsets the radio until its next reset (user manual, section 2.3.2).
     Slow,
     /// As fast as the board can, at most 20 MHz.
     Fast,

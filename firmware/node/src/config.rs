@@ -21,7 +21,8 @@ pub struct NodeConfig {
     ///
     /// It has to hold, at the default mode: the rest of the frame received
     /// (up to 54 us), interrupt latency, about 100 us of SPI at 8 MHz, the
-    /// processor's work, and the answer's preamble (140 us).
+    /// processor's work, and the answer's preamble (140 us); from
+    /// [`NodeConfig::REPLY_US`].
     pub reply_us: u32,
     /// Firmware version, for the host.
     pub firmware: [u8; 3],
@@ -66,7 +67,36 @@ impl AntennaDelay {
     };
 }
 
+/// A setting that cannot work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ConfigError {
+    /// The reply time, in microseconds, is outside [`NodeConfig::REPLY_US`].
+    ReplyTime(u32),
+}
+
+impl core::fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let (least, most) = (NodeConfig::REPLY_US.start(), NodeConfig::REPLY_US.end());
+        match self {
+            Self::ReplyTime(us) => {
+                write!(
+                    f,
+                    "a reply time of {us} us is not between {least} and {most} us"
+                )
+            }
+        }
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
 impl NodeConfig {
+    /// Reply times that can work: below, the answer's preamble would have to
+    /// begin before the frame to be answered is over; above, the radio's own
+    /// time-out of 67 ms would not reach to the end of the answer.
+    pub const REPLY_US: core::ops::RangeInclusive<u32> = 200..=30_000;
+
     /// The network that nodes are in unless told otherwise.
     pub const DEFAULT_PAN: PanId = PanId(0xDECA);
 
@@ -97,6 +127,18 @@ impl NodeConfig {
             reply_us: 600,
             firmware: [0, 1, 0],
             reset_cause: ResetCause::PowerOn,
+        }
+    }
+
+    /// Checks that the settings can work; [`Node::new`](crate::Node::new) does so too.
+    ///
+    /// # Errors
+    /// The first that cannot.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        if Self::REPLY_US.contains(&self.reply_us) {
+            Ok(())
+        } else {
+            Err(ConfigError::ReplyTime(self.reply_us))
         }
     }
 

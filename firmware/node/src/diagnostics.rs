@@ -4,17 +4,17 @@ use crate::phy;
 use micromath::F32Ext;
 
 /// The radio's measures of one reception, as its registers give them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Reception {
+pub(crate) struct Reception {
     /// FP_AMPL1 to FP_AMPL3: the channel impulse response around the first path.
-    pub first_path_amplitudes: [u16; 3],
+    pub(crate) first_path_amplitudes: [u16; 3],
     /// CIR_PWR: power of the channel impulse response.
-    pub response_power: u16,
+    pub(crate) response_power: u16,
     /// RXPACC: preamble symbols accumulated, saturating.
-    pub preamble_count: u16,
+    pub(crate) preamble_count: u16,
     /// RXPACC_NOSAT: the same without saturation.
-    pub preamble_count_unsaturated: u16,
+    pub(crate) preamble_count_unsaturated: u16,
 }
 
 impl Reception {
@@ -22,13 +22,13 @@ impl Reception {
     /// `10 log10(C 2^17 / N^2) - A`. NaN if nothing was received.
     ///
     /// The manual's figure reads low above -85 dBm; no correction is made.
-    pub fn rx_power_dbm(&self) -> f32 {
+    pub(crate) fn rx_power_dbm(&self) -> f32 {
         decibel(f32::from(self.response_power) * 131_072.0, self.symbols())
     }
 
     /// Power of the first path in dBm (user manual, section 4.7.1):
     /// `10 log10((F1^2 + F2^2 + F3^2) / N^2) - A`. NaN if nothing was received.
-    pub fn first_path_power_dbm(&self) -> f32 {
+    pub(crate) fn first_path_power_dbm(&self) -> f32 {
         let squares = self
             .first_path_amplitudes
             .iter()
@@ -61,36 +61,42 @@ fn decibel(power: f32, symbols: f32) -> f32 {
 mod tests {
     use super::*;
 
+    /// Symbols accumulated, the same without saturation, and N.
+    const COUNTS: [(u16, u16, u16); 3] = [
+        // As a rule: the SFD's symbols are among them.
+        (118, 118, 113),
+        (128, 128, 123),
+        // Saturated: they are not.
+        (1_000, 1_012, 1_000),
+    ];
+
     #[test]
     fn powers_follow_the_manuals_formulas() {
-        for (f, c, n) in [
-            ([9_000u16, 9_500, 8_000], 12_000u16, 118u16),
-            ([700, 800, 650], 40, 125),
-            ([30_000, 32_000, 29_000], 65_000, 1_000),
-        ] {
-            let reception = Reception {
-                first_path_amplitudes: f,
-                response_power: c,
-                preamble_count: n,
-                preamble_count_unsaturated: n + 9,
-            };
-            let n = f64::from(n);
-            let squares: f64 = f.iter().map(|&f| f64::from(f) * f64::from(f)).sum();
-            let first = 10.0 * (squares / (n * n)).log10() - 121.74;
-            let total = 10.0 * (f64::from(c) * 131_072.0 / (n * n)).log10() - 121.74;
-            assert!((f64::from(reception.first_path_power_dbm()) - first).abs() < 0.05);
-            assert!((f64::from(reception.rx_power_dbm()) - total).abs() < 0.05);
+        for (count, unsaturated, n) in COUNTS {
+            for (f, c) in [
+                ([9_000u16, 9_500, 8_000], 12_000u16),
+                ([700, 800, 650], 40),
+                ([30_000, 32_000, 29_000], 65_000),
+            ] {
+                let reception = Reception {
+                    first_path_amplitudes: f,
+                    response_power: c,
+                    preamble_count: count,
+                    preamble_count_unsaturated: unsaturated,
+                };
+                let n = f64::from(n);
+                let squares: f64 = f.iter().map(|&f| f64::from(f) * f64::from(f)).sum();
+                let first = 10.0 * (squares / (n * n)).log10() - 121.74;
+                let total = 10.0 * (f64::from(c) * 131_072.0 / (n * n)).log10() - 121.74;
+                assert!((f64::from(reception.first_path_power_dbm()) - first).abs() < 0.05);
+                assert!((f64::from(reception.rx_power_dbm()) - total).abs() < 0.05);
+            }
         }
     }
 
     #[test]
     fn nothing_received_has_no_power() {
-        let nothing = Reception {
-            first_path_amplitudes: [0; 3],
-            response_power: 0,
-            preamble_count: 0,
-            preamble_count_unsaturated: 0,
-        };
+        let nothing = Reception::default();
         assert!(nothing.rx_power_dbm().is_nan());
         assert!(nothing.first_path_power_dbm().is_nan());
     }

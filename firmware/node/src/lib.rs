@@ -1,10 +1,10 @@
 //! A node: a DW1000 and the exchanges it takes part in.
 //!
 //! [`Node`] owns the radio and one of the state machines of `nova-ranging`,
-//! and turns what happens into records of `nova-wire`. It has no executor and
-//! never waits for the radio: a board calls [`Node::service`] whenever the
-//! radio's interrupt line is high or the time has come that the last call
-//! named. The same code runs on the DWM1001, in tests and in simulations.
+//! and turns what happens into records of `nova-wire`. It has no executor, and
+//! waits for the radio only while that starts: a board calls [`Node::service`]
+//! whenever the radio's interrupt line is high or the time has come that the
+//! last call named. The same code runs on the DWM1001, in tests and in simulations.
 //!
 //! ```text
 //!   board's loop:  service(now) ──► wake at this time, or on interrupt
@@ -26,8 +26,7 @@ mod phy;
 mod radio;
 
 pub use bus::{RadioBus, SpiBusWithSpeed, SpiSpeed};
-pub use config::{AntennaDelay, NodeConfig, Part};
-pub use diagnostics::Reception;
+pub use config::{AntennaDelay, ConfigError, NodeConfig, Part};
 pub use node::{Node, StartError};
 pub use peers::MAX_PEERS;
 pub use radio::RadioError;

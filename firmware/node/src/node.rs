@@ -1,7 +1,8 @@
 //! The node: radio, state machine, deadlines, counters and records.
 
 use crate::bus::RadioBus;
-use crate::config::{NodeConfig, Part};
+use crate::config::{ConfigError, NodeConfig, Part};
+use crate::diagnostics::Reception;
 use crate::peers::Peers;
 use crate::radio::{EMPTY_RX_BUFFER, Radio, RadioError, RadioEvent};
 use core::fmt;
@@ -16,8 +17,7 @@ use nova_wire::{Boot, Counters, Quality, Range, RangeFlags, Record, Status};
 /// From one status record to the next.
 const STATUS_PERIOD_US: u64 = 1_000_000;
 
-/// A send that has not come to an end after this long never will: the longest
-/// wait before one is a reply time.
+/// A send that has not come to an end so long after its time never will.
 const SEND_GUARD_US: u64 = 10_000;
 
 /// How much later than the radio's own time-out the node gives up on it.
@@ -26,6 +26,9 @@ const LISTEN_GUARD_US: u64 = 2_000;
 /// A receiver that has heard nothing for this long is switched on anew, so
 /// that none stays deaf for ever.
 const LISTEN_REFRESH_US: u64 = 1_000_000;
+
+/// From one look at whether the radio still holds its settings to the next.
+const CHECK_PERIOD_US: u64 = 1_000_000;
 
 /// From a failed start of the radio to the next attempt.
 const RESTART_AFTER_US: u64 = 100_000;
@@ -47,9 +50,16 @@ pub struct Node<B, R, D> {
     radio: Radio<B, R, D>,
     role: Role,
     doing: Doing,
+    /// How well the frame was received that this node answered last: the
+    /// response at the initiator, the final at the responder. On that frame's
+    /// time stamp the range rests.
+    reception: Reception,
     counters: Counters,
     next_status_us: u64,
+    next_check_us: u64,
     booted: bool,
+    /// Whether the radio's start has been tried before.
+    tried: bool,
 }
 
 /// The radio did not start.
@@ -74,6 +84,7 @@ enum Role {
         polled: Address,
         period_us: u64,
         next_us: u64,
+        spread: Spread,
     },
     Responder(Responder),
 }
@@ -97,9 +108,44 @@ enum Doing {
     },
 }
 
+/// Moves an initiator that shares the air with another off the other's times.
+///
+/// Without it two that have the same period and meet once meet every time.
+#[derive(Clone, Copy, Debug)]
+struct Spread {
+    state: u32,
+    /// From the earliest to the latest, in microseconds.
+    width_us: u32,
+}
+
+impl Spread {
+    /// Two exchanges wide, from a different start for each address.
+    fn new(address: Address, reply_us: u32) -> Self {
+        Self {
+            // xorshift must not start at 0.
+            state: u32::from(address.0) | 0x1_0000,
+            width_us: 8 * reply_us,
+        }
+    }
+
+    /// A shift to either side, so that the rate stays.
+    fn next_us(&mut self) -> i64 {
+        // xorshift32 (Marsaglia 2003).
+        self.state ^= self.state << 13;
+        self.state ^= self.state >> 17;
+        self.state ^= self.state << 5;
+        let shift_us = (u64::from(self.state) * u64::from(self.width_us)) >> 32;
+        shift_us as i64 - i64::from(self.width_us / 2)
+    }
+}
+
 impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     /// A node whose radio is not started yet.
-    pub fn new(bus: B, reset: R, delay: D, config: NodeConfig) -> Self {
+    ///
+    /// # Errors
+    /// [`ConfigError`] says which setting cannot work.
+    pub fn new(bus: B, reset: R, delay: D, config: NodeConfig) -> Result<Self, ConfigError> {
+        config.check()?;
         let timing = config.timing();
         let role = match &config.part {
             Part::Responder => Role::Responder(Responder::new(config.identity, timing)),
@@ -109,17 +155,21 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 polled: Address::BROADCAST,
                 period_us: u64::from(*period_us),
                 next_us: 0,
+                spread: Spread::new(config.identity.address, config.reply_us),
             },
         };
-        Self {
+        Ok(Self {
             radio: Radio::new(bus, reset, delay, config.antenna_delay),
             config,
             role,
             doing: Doing::Down { retry_us: 0 },
+            reception: Reception::default(),
             counters: Counters::default(),
             next_status_us: 0,
+            next_check_us: 0,
             booted: false,
-        }
+            tried: false,
+        })
     }
 
     /// Starts the radio; blocks for some 10 ms.
@@ -131,6 +181,10 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     /// # Errors
     /// [`StartError`] says what is wrong with the radio.
     pub fn start(&mut self, now_us: u64) -> Result<(), StartError> {
+        if core::mem::replace(&mut self.tried, true) {
+            count(&mut self.counters.radio_resets);
+        }
+        self.next_check_us = now_us + CHECK_PERIOD_US;
         self.radio
             .start()
             .and_then(|()| self.begin(now_us))
@@ -151,7 +205,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     }
 
     /// Does all that is due at `now_us`, the board's time in microseconds
-    /// since its start, and hands records to `emit`.
+    /// since its start, and hands records to `emit`. Takes some 100 us, and
+    /// some 10 ms when the radio has to be started again.
     ///
     /// Returns the time at which it must be called again, unless the radio's
     /// interrupt line goes high before.
@@ -205,7 +260,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             };
             self.handle(event, now_us, emit)?;
         }
-        self.check_deadlines(now_us)?;
+        self.check_deadlines(now_us);
+        self.check_settings(now_us)?;
         self.start_exchange(now_us, emit)
     }
 
@@ -216,12 +272,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         now_us: u64,
         emit: &mut impl FnMut(&Record),
     ) -> Result<(), RadioError> {
+        let received = matches!(event, Event::Received { .. });
         let mut step = self.role.on_event(event);
         loop {
             match step.outcome {
                 Some(Outcome::Measured(measurement)) => {
-                    // Before the command: it may let the next frame overwrite
-                    // what the radio knows of this one.
                     let record = self.range_record(&measurement, now_us)?;
                     count(&mut self.counters.ranges);
                     emit(&Record::Range(record));
@@ -234,7 +289,12 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 Some(Outcome::Ignored(ignored)) => count(self.ignored_counter(ignored)),
                 None => {}
             }
+            let answers = matches!(step.command, Command::Send { .. });
             if self.carry_out(step.command, now_us)? {
+                if received && answers {
+                    // Now that the answer is on its way there is time.
+                    self.reception = self.radio.reception()?;
+                }
                 return Ok(());
             }
             step = self.role.on_event(Event::SendTooLate);
@@ -263,7 +323,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Command::Send { frame, when } => {
                 let on_time = self.radio.send(&frame, when)?;
                 self.doing = Doing::Sending {
-                    until_us: now_us + SEND_GUARD_US,
+                    until_us: now_us + u64::from(self.config.reply_us) + SEND_GUARD_US,
                 };
                 return Ok(on_time);
             }
@@ -276,9 +336,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     fn keep_listening(&mut self, now_us: u64) -> Result<(), RadioError> {
         match self.doing {
             Doing::Listening { until_us } => {
-                // With no time left the radio reports the time-out at once.
                 let left = u32::try_from(until_us.saturating_sub(now_us)).unwrap_or(u32::MAX);
-                self.radio.listen(Some(left.max(1)))
+                self.radio.listen(Some(left))
             }
             Doing::ListeningForEver { .. } => {
                 self.doing = Doing::ListeningForEver {
@@ -291,18 +350,33 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         }
     }
 
-    fn check_deadlines(&mut self, now_us: u64) -> Result<(), RadioError> {
-        match self.doing {
-            Doing::Sending { until_us } if now_us >= until_us => self.restart(now_us),
-            Doing::Listening { until_us } if now_us >= until_us + LISTEN_GUARD_US => {
-                self.restart(now_us)
-            }
-            Doing::ListeningForEver { refresh_us } if now_us >= refresh_us => {
-                self.radio.switch_off()?;
-                self.keep_listening(now_us)
-            }
-            _ => Ok(()),
+    fn check_deadlines(&mut self, now_us: u64) {
+        let missed = match self.doing {
+            Doing::Sending { until_us } => now_us >= until_us,
+            Doing::Listening { until_us } => now_us >= until_us + LISTEN_GUARD_US,
+            Doing::Nothing | Doing::ListeningForEver { .. } | Doing::Down { .. } => false,
+        };
+        if missed {
+            // The radio has stopped answering.
+            self.doing = Doing::Down { retry_us: now_us };
         }
+    }
+
+    /// Looks from time to time, when no exchange runs, whether the radio is
+    /// still what it was set up to be.
+    fn check_settings(&mut self, now_us: u64) -> Result<(), RadioError> {
+        let idle = matches!(self.doing, Doing::Nothing | Doing::ListeningForEver { .. });
+        if idle && now_us >= self.next_check_us {
+            self.next_check_us = now_us + CHECK_PERIOD_US;
+            self.radio.check_settings()?;
+        }
+        if let Doing::ListeningForEver { refresh_us } = self.doing
+            && now_us >= refresh_us
+        {
+            self.radio.switch_off()?;
+            self.keep_listening(now_us)?;
+        }
+        Ok(())
     }
 
     fn start_exchange(
@@ -319,6 +393,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             polled,
             period_us,
             next_us,
+            ..
         } = &mut self.role
         else {
             return Ok(());
@@ -337,21 +412,20 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         }
     }
 
-    /// The radio has stopped answering: starts it, and the part, from scratch.
-    fn restart(&mut self, now_us: u64) -> Result<(), RadioError> {
-        count(&mut self.counters.radio_resets);
-        self.radio.start()?;
-        self.begin(now_us)
-    }
-
     /// Puts a radio that was just started to work.
     fn begin(&mut self, now_us: u64) -> Result<(), RadioError> {
+        if !self.role.is_idle() {
+            count(&mut self.counters.cut_off);
+        }
         match &mut self.role {
             Role::Responder(machine) => {
                 let command = machine.start();
                 self.carry_out(command, now_us).map(|_| ())
             }
-            Role::Initiator { next_us, .. } => {
+            Role::Initiator {
+                machine, next_us, ..
+            } => {
+                machine.stop();
                 *next_us = (*next_us).max(now_us);
                 self.doing = Doing::Nothing;
                 Ok(())
@@ -363,7 +437,6 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         if error == RadioError::Bus {
             count(&mut self.counters.bus_errors);
         }
-        count(&mut self.counters.radio_resets);
         self.doing = Doing::Down {
             retry_us: now_us + RESTART_AFTER_US,
         };
@@ -375,7 +448,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             (Doing::Nothing, Role::Responder(_)) => u64::MAX,
             (Doing::Sending { until_us }, _) => until_us,
             (Doing::Listening { until_us }, _) => until_us + LISTEN_GUARD_US,
-            (Doing::ListeningForEver { refresh_us }, _) => refresh_us,
+            (Doing::ListeningForEver { refresh_us }, _) => refresh_us.min(self.next_check_us),
             (Doing::Down { retry_us }, _) => retry_us,
         };
         radio_us.min(self.next_status_us)
@@ -393,9 +466,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 
     fn range_record(&mut self, m: &Measurement, now_us: u64) -> Result<Range, RadioError> {
         let age_us = self.radio.now()?.since(m.at).to_us();
-        let reception = self.radio.reception()?;
-        let rx_power_dbm = reception.rx_power_dbm();
-        let first_path_power_dbm = reception.first_path_power_dbm();
+        let rx_power_dbm = self.reception.rx_power_dbm();
+        let first_path_power_dbm = self.reception.first_path_power_dbm();
         let mut flags = RangeFlags::default();
         if rx_power_dbm - first_path_power_dbm > WEAK_FIRST_PATH_DB {
             flags = flags.with(RangeFlags::WEAK_FIRST_PATH);
@@ -466,8 +538,23 @@ impl Role {
     }
 
     fn failed(&mut self) {
-        if let Self::Initiator { peers, polled, .. } = self {
+        if let Self::Initiator {
+            peers,
+            polled,
+            next_us,
+            spread,
+            ..
+        } = self
+        {
             peers.failed(*polled);
+            *next_us = next_us.saturating_add_signed(spread.next_us());
+        }
+    }
+
+    fn is_idle(&self) -> bool {
+        match self {
+            Self::Initiator { machine, .. } => machine.is_idle(),
+            Self::Responder(machine) => machine.is_idle(),
         }
     }
 }

@@ -21,6 +21,8 @@ pub(crate) const PREAMBLE_128_PE: u8 = 0b01;
 pub(crate) const AGC_TUNE1: u16 = 0x889B;
 /// AGC_TUNE2 (7.2.36.5).
 pub(crate) const AGC_TUNE2: u32 = 0x2502_A907;
+/// AGC_TUNE3 (7.2.36.7).
+pub(crate) const AGC_TUNE3: u16 = 0x0035;
 /// DRX_TUNE0b for 6.8 Mbit/s and the standard's SFD (7.2.40.2).
 pub(crate) const DRX_TUNE0B: u16 = 0x0001;
 /// DRX_TUNE1a for 64 MHz (7.2.40.3).
@@ -31,19 +33,21 @@ pub(crate) const DRX_TUNE1B: u16 = 0x0020;
 pub(crate) const DRX_TUNE2: u32 = 0x313B_006B;
 /// DRX_TUNE4H for preambles of 128 symbols and more (7.2.40.10).
 pub(crate) const DRX_TUNE4H: u16 = 0x0028;
-/// SFD detection time-out in symbols: preamble + 1 + SFD - acquisition chunk (7.2.40.7).
+/// SFD detection time-out in symbols (7.2.40.7): preamble + 1 + SFD - acquisition
+/// chunk, the rule of the vendor's driver.
 pub(crate) const DRX_SFDTOC: u16 = 128 + 1 + 8 - 8;
-/// RF_RXCTRLH for channel 5 (7.2.41.2).
+/// RF_RXCTRLH for channel 5 (7.2.41.3).
 pub(crate) const RF_RXCTRLH: u8 = 0xD8;
-/// RF_TXCTRL for channel 5 (7.2.41.3).
+/// RF_TXCTRL for channel 5 (7.2.41.4); before version 2.16 of the manual 0x001E_3FE0.
 pub(crate) const RF_TXCTRL: u32 = 0x001E_3FE3;
-/// TC_PGDELAY for channel 5 (7.2.43.4).
+/// TC_PGDELAY for channel 5 (7.2.43.6); before version 2.18 0xC0. It sets the width
+/// of the pulses and with it some centimetres of the antenna delay.
 pub(crate) const TC_PGDELAY: u8 = 0xB5;
 /// FS_PLLCFG for channel 5 (7.2.44.2).
 pub(crate) const FS_PLLCFG: u32 = 0x0800_041D;
 /// FS_PLLTUNE for channel 5 (7.2.44.3).
 pub(crate) const FS_PLLTUNE: u8 = 0xBE;
-/// TX_POWER for channel 5, 64 MHz, smart power on (7.2.31.4, table 20).
+/// TX_POWER for channel 5, 64 MHz, smart power on (7.2.31.4, table 19).
 pub(crate) const TX_POWER: u32 = 0x2545_6585;
 /// Noise threshold multiplier of LDE_CFG1 for line of sight (7.2.47.2).
 pub(crate) const LDE_NTM: u8 = 0xD;

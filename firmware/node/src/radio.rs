@@ -47,8 +47,9 @@ pub enum RadioError {
     WrongDevice(u32),
     /// The radio's clock PLL does not lock after reset.
     ClockNotLocked,
-    /// A frame was received but never got a time stamp.
-    NoTimeStamp,
+    /// The radio no longer is as it was set up: it lost its supply or was
+    /// reset, or nothing drives the bus.
+    SettingsLost,
 }
 
 impl core::fmt::Display for RadioError {
@@ -63,7 +64,7 @@ impl core::fmt::Display for RadioError {
                 )
             }
             Self::ClockNotLocked => f.write_str("the radio's clock PLL does not lock"),
-            Self::NoTimeStamp => f.write_str("the radio received a frame but gave no time stamp"),
+            Self::SettingsLost => f.write_str("the radio has lost its settings"),
         }
     }
 }
@@ -92,9 +93,12 @@ pub(crate) type RxBuffer = [u8; RX_BUFFER_LEN + 1];
 pub(crate) const EMPTY_RX_BUFFER: RxBuffer = [0; RX_BUFFER_LEN + 1];
 
 /// SYS_STATUS is read this often for the time stamp of a received frame. The
-/// leading-edge search runs while the frame's data still comes in, so that one
-/// read is enough as a rule (4.1.6).
+/// radio holds RXDFR, and RXFCG with it, back until the leading-edge search is
+/// over (7.2.17, RXDFR), so that no further read is needed as a rule.
 const STAMP_TRIES: usize = 10;
+
+/// Crystal trim for crystals without a value of their own: the middle of 0 to 31.
+const MID_RANGE_TRIM: u8 = 0x10;
 
 /// Length of the frame check sequence that the radio adds and checks.
 const FCS_LEN: u8 = 2;
@@ -107,6 +111,8 @@ mod header {
     pub(super) const WRITE_TX_BUFFER: u8 = 0x80 | 0x09;
     /// RX_BUFFER, read without the rest of its 127 bytes.
     pub(super) const READ_RX_BUFFER: u8 = 0x11;
+    /// AGC_TUNE3, register 0x23:12 (7.2.36.7).
+    pub(super) const WRITE_AGC_TUNE3: [u8; 2] = [0x80 | 0x40 | 0x23, 0x12];
     /// FS_XTALT: crystal trim, register 0x2B:0E (7.2.44.5).
     pub(super) const WRITE_FS_XTALT: [u8; 2] = [0x80 | 0x40 | 0x2B, 0x0E];
 }
@@ -126,9 +132,12 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     pub(crate) fn start(&mut self) -> Result<(), RadioError> {
         self.hard_reset()?;
         self.check_identity()?;
+        // Without lock detection on, CPLOCK cannot be trusted (7.2.37.1).
+        ll!(self.ll().ec_ctrl().write(|w| w.pllldt(1)))?;
         self.load_from_otp()?;
         self.configure()?;
         self.wait_for_clock()?;
+        self.keep_transmitter_clock_on()?;
         self.bus.set_speed(SpiSpeed::Fast);
         Ok(())
     }
@@ -153,7 +162,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         ll!(self.ll().dx_time().write(|w| w.value(start.ticks())))?;
         ll!(self.ll().sys_ctrl().write(|w| w.txstrt(1).txdlys(1)))?;
         // A start in the past would come true after a wrap, 17 s from now; one
-        // with too little time to power up would go out damaged (7.2.17).
+        // with too little time to power up would go out damaged (7.2.17) or
+        // never end (application note APS022, section 5.4).
         let status = ll!(self.ll().sys_status().read())?;
         let late = status.hpdwarn() == 1 || status.txpute() == 1;
         if late {
@@ -164,13 +174,14 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
 
     /// Switches the receiver on.
     pub(crate) fn listen(&mut self, timeout_us: Option<u32>) -> Result<(), RadioError> {
-        // Longer waits end by the caller's own clock.
-        let counts = timeout_us.and_then(|us| u16::try_from(us * 39 / 40).ok());
-        if let Some(counts) = counts {
+        if let Some(us) = timeout_us {
+            // One count is 1.026 us, and what 0 means is not said (7.2.14).
+            // Reply times are bounded so that their time-outs fit.
+            let counts = (u64::from(us) * 39 / 40).clamp(1, 0xFFFF) as u16;
             let [low, high] = counts.to_le_bytes();
             self.write_raw(&[header::WRITE_RX_FWTO, low, high])?;
         }
-        self.write_sys_cfg(counts.is_some())?;
+        self.write_sys_cfg(timeout_us.is_some())?;
         ll!(self.ll().sys_ctrl().write(|w| w.rxenab(1)))
     }
 
@@ -186,21 +197,26 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         buffer: &'b mut RxBuffer,
     ) -> Result<Option<RadioEvent<'b>>, RadioError> {
         let status = ll!(self.ll().sys_status().read())?;
+        // The radio's address filter is off: only a bus that nobody drives
+        // reads like this.
+        if status.affrej() == 1 {
+            return Err(RadioError::SettingsLost);
+        }
         if status.txfrs() == 1 {
             let stamp = ll!(self.ll().tx_time().read())?.tx_stamp();
             self.clear_status()?;
             let at = DeviceTime::from_ticks(stamp);
             return Ok(Some(RadioEvent::Sent { at }));
         }
-        if status.rxfcg() == 1 && status.ldeerr() == 0 {
-            let stamped = status.ldedone() == 1;
-            return self.take_frame(buffer, stamped).map(Some);
+        let good = status.rxfcg() == 1;
+        if good && self.is_stamped(status.ldedone() == 1, status.ldeerr() == 1)? {
+            return self.take_frame(buffer).map(Some);
         }
-        let damaged = status.rxphe() == 1
+        let damaged = good
+            || status.rxphe() == 1
             || status.rxfce() == 1
             || status.rxrfsl() == 1
-            || status.rxsfdto() == 1
-            || status.ldeerr() == 1;
+            || status.rxsfdto() == 1;
         if damaged || status.rxrfto() == 1 {
             self.switch_off()?;
             // Without it, time stamps of later frames can be wrong (4.1.6).
@@ -212,6 +228,17 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             }));
         }
         Ok(None)
+    }
+
+    /// Whether the radio still is as it was set up. Reads the interrupt mask,
+    /// which is neither all zeros, as after a reset, nor all ones.
+    pub(crate) fn check_settings(&mut self) -> Result<(), RadioError> {
+        let mask = ll!(self.ll().sys_mask().read())?;
+        if mask.mrxfcg() == 1 && mask.mtxfrs() == 1 && mask.maffrej() == 0 {
+            Ok(())
+        } else {
+            Err(RadioError::SettingsLost)
+        }
     }
 
     /// The radio's clock now.
@@ -234,20 +261,19 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         })
     }
 
-    fn take_frame<'b>(
-        &mut self,
-        buffer: &'b mut RxBuffer,
-        mut stamped: bool,
-    ) -> Result<RadioEvent<'b>, RadioError> {
+    /// Whether the leading-edge search has given the frame a time stamp.
+    fn is_stamped(&mut self, mut done: bool, mut failed: bool) -> Result<bool, RadioError> {
         for _ in 0..STAMP_TRIES {
-            if stamped {
+            if done || failed {
                 break;
             }
-            stamped = ll!(self.ll().sys_status().read())?.ldedone() == 1;
+            let status = ll!(self.ll().sys_status().read())?;
+            (done, failed) = (status.ldedone() == 1, status.ldeerr() == 1);
         }
-        if !stamped {
-            return Err(RadioError::NoTimeStamp);
-        }
+        Ok(done && !failed)
+    }
+
+    fn take_frame<'b>(&mut self, buffer: &'b mut RxBuffer) -> Result<RadioEvent<'b>, RadioError> {
         let info = ll!(self.ll().rx_finfo().read())?;
         let stamp = ll!(self.ll().rx_time().read())?.rx_stamp();
         let len = usize::from(info.rxflen().saturating_sub(FCS_LEN)).min(RX_BUFFER_LEN);
@@ -255,9 +281,13 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         if let Some(first) = transfer.first_mut() {
             *first = header::READ_RX_BUFFER;
         }
-        self.bus
-            .transfer_in_place(transfer)
-            .map_err(|_| RadioError::Bus)?;
+        // A header without data would be one byte, which the nRF52832 must not
+        // transfer (its anomaly 58).
+        if len > 0 {
+            self.bus
+                .transfer_in_place(transfer)
+                .map_err(|_| RadioError::Bus)?;
+        }
         self.clear_status()?;
         let bytes = buffer.get(1..=len).ok_or(RadioError::Bus)?;
         let at = DeviceTime::from_ticks(stamp);
@@ -267,11 +297,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     fn hard_reset(&mut self) -> Result<(), RadioError> {
         self.bus.set_speed(SpiSpeed::Slow);
         // Open drain: high lets go of the line, which the radio pulls up
-        // itself (data sheet, section 5.6.1).
+        // itself (data sheet, table 1: RSTn).
         self.reset.set_low().map_err(|_| RadioError::Reset)?;
         self.delay.delay_us(100);
         self.reset.set_high().map_err(|_| RadioError::Reset)?;
-        // From WAKEUP to INIT and the crystal running: 4 ms at most (2.3.2).
+        // From WAKEUP to INIT and the crystal running: about 4 ms (2.3.2).
         self.delay.delay_ms(5);
         Ok(())
     }
@@ -292,7 +322,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     /// Takes LDO tuning and crystal trim from the factory's memory, and the
     /// code for the leading-edge search into place.
     fn load_from_otp(&mut self) -> Result<(), RadioError> {
-        // The memory wants the crystal's clock (2.5.5.10, table 4).
+        // Reading the memory wants the crystal's clock (7.2.50.1, SYSCLKS),
+        // loading the code this very value (2.5.5.10, table 4).
         ll!(self.ll().pmsc_ctrl0().write(|w| w.raw_value(0xF030_0301)))?;
         let ldo_low = self.read_otp(0x004)?;
         if ldo_low & 0xFF != 0 {
@@ -300,12 +331,14 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             let tune = u64::from(ldo_low) | u64::from(ldo_high & 0xFF) << 32;
             ll!(self.ll().ldotune().write(|w| w.value(tune)))?;
         }
-        // Untrimmed crystals are up to 20 ppm off instead of 3 (8.1).
-        let trim = (self.read_otp(0x01E)? & 0x1F) as u8;
-        if trim != 0 {
-            let [register, sub] = header::WRITE_FS_XTALT;
-            self.write_raw(&[register, sub, 0x60 | trim])?;
-        }
+        // 0 means never trimmed (8.1); after a reset the trim is 0 too, which
+        // is the end of its range.
+        let trim = match (self.read_otp(0x01E)? & 0x1F) as u8 {
+            0 => MID_RANGE_TRIM,
+            trim => trim,
+        };
+        let [register, sub] = header::WRITE_FS_XTALT;
+        self.write_raw(&[register, sub, 0x60 | trim])?;
         ll!(self.ll().otp_ctrl().write(|w| w.ldeload(1)))?;
         self.delay.delay_us(150);
         ll!(self.ll().pmsc_ctrl0().write(|w| w.raw_value(0xF030_0200)))
@@ -314,7 +347,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     fn read_otp(&mut self, address: u16) -> Result<u32, RadioError> {
         ll!(self.ll().otp_addr().write(|w| w.value(address)))?;
         ll!(self.ll().otp_ctrl().write(|w| w.otprden(1).otpread(1)))?;
-        // OTPREAD clears itself; reading takes well below a transfer's time.
+        // OTPREAD clears itself; reading takes well below a transfer's time
+        // (6.3.3).
         let value = ll!(self.ll().otp_rdat().read())?.value();
         ll!(self.ll().otp_ctrl().write(|w| w))?;
         Ok(value)
@@ -323,6 +357,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     fn configure(&mut self) -> Result<(), RadioError> {
         let AntennaDelay { tx_ticks, rx_ticks } = self.antenna_delay;
         self.write_sys_cfg(false)?;
+        let [register, sub] = header::WRITE_AGC_TUNE3;
+        let [low, high] = phy::AGC_TUNE3.to_le_bytes();
+        self.write_raw(&[register, sub, low, high])?;
         let mut ll = self.ll();
         ll!(ll.chan_ctrl().write(|w| {
             w.tx_chan(phy::CHANNEL)
@@ -352,7 +389,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         ll!(ll.lde_repc().write(|w| w.value(phy::LDE_REPC)))?;
         ll!(ll.lde_rxantd().write(|w| w.value(rx_ticks)))?;
         ll!(ll.tx_antd().write(|w| w.value(tx_ticks)))?;
-        // All that `poll` looks for.
+        // All that `poll` looks for. A failed leading-edge search shows with
+        // the frame it belongs to.
         ll!(ll.sys_mask().write(|w| {
             w.mtxfrs(1)
                 .mrxfcg(1)
@@ -360,7 +398,6 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
                 .mrxfce(1)
                 .mrxrfsl(1)
                 .mrxsfdto(1)
-                .mldeerr(1)
                 .mrxrfto(1)
         }))?;
         self.clear_status()
@@ -377,8 +414,6 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     }
 
     fn wait_for_clock(&mut self) -> Result<(), RadioError> {
-        // Without lock detection on, the event cannot be trusted (7.2.37.1).
-        ll!(self.ll().ec_ctrl().write(|w| w.pllldt(1)))?;
         for _ in 0..10 {
             if ll!(self.ll().sys_status().read())?.cplock() == 1 {
                 return Ok(());
@@ -388,13 +423,21 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         Err(RadioError::ClockNotLocked)
     }
 
+    /// Keeps the transmitter's clock from being switched off between frames.
+    /// Otherwise a delayed transmission asked for at the very last moment is at
+    /// times neither sent nor flagged (erratum TX-1).
+    fn keep_transmitter_clock_on(&mut self) -> Result<(), RadioError> {
+        ll!(self.ll().pmsc_ctrl0().modify(|_, w| w.txclks(0b10)))
+    }
+
     /// Soft reset of the receiver only (7.2.50.1).
     fn reset_receiver(&mut self) -> Result<(), RadioError> {
         ll!(self.ll().pmsc_ctrl0().modify(|_, w| w.softreset(0b1110)))?;
         ll!(self.ll().pmsc_ctrl0().modify(|_, w| w.softreset(0b1111)))
     }
 
-    /// Clears all events of transmitter and receiver.
+    /// Clears all events of transmitter and receiver. HPDWARN, TXPUTE and
+    /// RXOVRR are read-only and end with their cause (7.2.17).
     fn clear_status(&mut self) -> Result<(), RadioError> {
         ll!(self.ll().sys_status().write(|w| {
             w.aat(1)
@@ -413,14 +456,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
                 .rxrfsl(1)
                 .rxrfto(1)
                 .ldeerr(1)
-                .rxovrr(1)
                 .rxpto(1)
                 .rxsfdto(1)
-                .hpdwarn(1)
                 .txberr(1)
                 .affrej(1)
                 .rxprej(1)
-                .txpute(1)
         }))
     }
 

@@ -139,7 +139,7 @@ pub enum Failure {
 pub enum Ignored {
     /// Not a frame of this protocol.
     NotOurs(FrameError),
-    /// From another network.
+    /// From another network, or from nobody: its source is all nodes.
     ForeignNetwork,
     /// For another node.
     ForOthers,
@@ -210,7 +210,8 @@ impl Identity {
     /// Reads a received frame and checks that it is meant for this node.
     pub(crate) fn accept(&self, bytes: &[u8]) -> Result<Frame, Ignored> {
         let frame = Frame::parse(bytes).map_err(Ignored::NotOurs)?;
-        if frame.pan != self.pan {
+        // Nobody is called "all nodes"; believing it would make that a peer.
+        if frame.pan != self.pan || frame.source == Address::BROADCAST {
             return Err(Ignored::ForeignNetwork);
         }
         if frame.destination != self.address && frame.destination != Address::BROADCAST {

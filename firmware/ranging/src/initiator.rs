@@ -88,6 +88,11 @@ impl Initiator {
         self.send(peer, Message::Poll, When::Now)
     }
 
+    /// Drops an exchange that runs: its radio was started anew.
+    pub fn stop(&mut self) {
+        self.state = State::Idle;
+    }
+
     /// Takes the next event from the radio.
     pub fn on_event(&mut self, event: Event<'_>) -> Step {
         match (self.state, event) {

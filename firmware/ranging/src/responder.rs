@@ -5,16 +5,17 @@
 //!   Listening ─────────────► SendingResponse ───────────► AwaitingFinal ◄─┐ polled again:
 //!     ▲  send response          │ SendTooLate    listen      │   │  └─────┘ Superseded
 //!     │  at t2 + reply          │                            │   │ final
-//!     ├─────────────────────────┘                            │   │ send report now
-//!     ├──────────────────────────────────────────────────────┘   ▼
+//!     ├─────────────────────────┘                            │   │ send report
+//!     ├──────────────────────────────────────────────────────┘   ▼ at t6 + reply
 //!     │                               timeout: NoFinal      SendingReport
 //!     │  Sent: Measured                                          │
 //!     └──────────────────────────────────────────────────────────┘
 //! ```
 //!
-//! A poll to all nodes is answered only while nobody has polled this node by
-//! its address for a second, and then on the toss of a coin: so an initiator
-//! that knows nobody finds everybody, one by one.
+//! A poll to all nodes is a search for nodes that its sender does not know yet. It
+//! is answered only while that sender has not polled this node by its address for
+//! a second, and then by lot, so that of many newcomers one answers alone sooner
+//! or later.
 
 use crate::exchange::{
     Command, Event, Failure, Identity, Ignored, Measurement, Outcome, Step, Timing, When,
@@ -30,10 +31,23 @@ pub struct Responder {
     timing: Timing,
     /// Counts our frames.
     sequence: u8,
-    /// When a poll to our own address came last.
-    last_addressed: Option<DeviceTime>,
+    known_to: heapless::Vec<Acquaintance, MAX_ACQUAINTANCES>,
     state: State,
 }
+
+/// An initiator that has polled this node by its address.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Acquaintance {
+    initiator: Address,
+    /// When, last.
+    polled: DeviceTime,
+}
+
+/// Initiators remembered; the one silent for longest makes room for another.
+const MAX_ACQUAINTANCES: usize = 8;
+
+/// An initiator that has not polled this node for so long knows it no more.
+const FORGOTTEN_AFTER: Ticks = Ticks::new(TICKS_PER_SECOND);
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
@@ -67,13 +81,20 @@ impl Responder {
             identity,
             timing,
             sequence: 0,
-            last_addressed: None,
+            known_to: heapless::Vec::new(),
             state: State::Listening,
         }
     }
 
-    /// Starts to listen for polls; an exchange that still runs is dropped.
+    /// Whether no exchange runs.
+    pub fn is_idle(&self) -> bool {
+        self.state == State::Listening
+    }
+
+    /// Starts to listen for polls, with a radio whose clock may have started
+    /// anew; an exchange that still runs is dropped.
     pub fn start(&mut self) -> Command {
+        self.known_to.clear();
         self.state = State::Listening;
         Command::Listen { timeout_us: None }
     }
@@ -122,8 +143,13 @@ impl Responder {
                         ..
                     },
                 ) => {
-                    let command = self.answer(&poll, at);
-                    Step::with(command, Outcome::Failed(Failure::Superseded))
+                    let superseded = Outcome::Failed(Failure::Superseded);
+                    if self.should_answer(&poll, at) {
+                        let command = self.answer(&poll, at);
+                        Step::with(command, superseded)
+                    } else {
+                        self.end(superseded)
+                    }
                 }
                 Ok(frame) if frame.exchange != with.exchange => {
                     Step::ignore(Ignored::WrongExchange)
@@ -142,7 +168,7 @@ impl Responder {
                         responder_round: at.since(response_tx),
                         responder_reply: reply,
                     };
-                    Step::command(self.report(with, response_tx, &intervals))
+                    Step::command(self.report(with, response_tx, at, &intervals))
                 }
                 Ok(_) => Step::ignore(Ignored::OutOfTurn),
             },
@@ -177,14 +203,23 @@ impl Responder {
     }
 
     fn should_answer(&mut self, poll: &Frame, at: DeviceTime) -> bool {
-        if poll.destination != Address::BROADCAST {
-            self.last_addressed = Some(at);
-            return true;
+        self.known_to
+            .retain(|known| at.since(known.polled) < FORGOTTEN_AFTER);
+        if poll.destination == Address::BROADCAST {
+            let known = self.known_to.iter().any(|k| k.initiator == poll.source);
+            return !known && lot(self.identity.address, poll.sequence, at);
         }
-        let known = self
-            .last_addressed
-            .is_some_and(|last| at.since(last).get() < TICKS_PER_SECOND);
-        !known && coin(self.identity.address, poll.sequence)
+        self.known_to.retain(|known| known.initiator != poll.source);
+        if self.known_to.is_full() {
+            // In the order of their last polls: the first has been silent for longest.
+            self.known_to.remove(0);
+        }
+        // There is room now.
+        let _ = self.known_to.push(Acquaintance {
+            initiator: poll.source,
+            polled: at,
+        });
+        true
     }
 
     fn answer(&mut self, poll: &Frame, at: DeviceTime) -> Command {
@@ -197,7 +232,13 @@ impl Responder {
         self.send(with, Message::Response, when)
     }
 
-    fn report(&mut self, with: Partner, response_tx: DeviceTime, intervals: &Intervals) -> Command {
+    fn report(
+        &mut self,
+        with: Partner,
+        response_tx: DeviceTime,
+        final_rx: DeviceTime,
+        intervals: &Intervals,
+    ) -> Command {
         self.state = State::SendingReport {
             with,
             response_tx,
@@ -207,7 +248,9 @@ impl Responder {
             round: intervals.responder_round,
             reply: intervals.responder_reply,
         };
-        self.send(with, message, When::Now)
+        // Not at once: the initiator needs its time to switch its receiver on.
+        let (when, _) = self.timing.answer_to(final_rx);
+        self.send(with, message, when)
     }
 
     fn send(&mut self, with: Partner, message: Message, when: When) -> Command {
@@ -232,12 +275,15 @@ impl Responder {
     }
 }
 
-/// Heads or tails, different for any two addresses half of the time, so that
-/// two nodes that answered the same poll part soon.
-fn coin(address: Address, sequence: u8) -> bool {
-    let mixed = (u32::from(address.0) << 8 | u32::from(sequence)).wrapping_mul(0x9E37_79B1);
+/// Whether to answer a search: with odds of 1/2, 1/4, 1/8 or 1/16, in turn, as
+/// nobody knows how many others wait. The time stamp makes the lots of two nodes,
+/// and of two searches, independent of each other.
+fn lot(address: Address, sequence: u8, at: DeviceTime) -> bool {
+    let stamp = at.ticks() as u32 ^ (at.ticks() >> 32) as u32;
+    let mixed = (stamp ^ u32::from(address.0) << 16).wrapping_mul(0x9E37_79B1);
     let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x85EB_CA6B);
-    mixed >> 31 == 1
+    let odds = 1 + u32::from(sequence % 4);
+    mixed >> (32 - odds) == 0
 }
 
 #[cfg(test)]
@@ -245,12 +291,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn any_two_nodes_soon_toss_differently() {
-        for (a, b) in [(1, 2), (0x0102, 0x0201), (0xFFFE, 0x7FFF), (16, 17)] {
-            let differ = (0..=255)
-                .filter(|&s| coin(Address(a), s) != coin(Address(b), s))
+    fn a_search_is_answered_with_the_odds_of_its_number() {
+        for (sequence, odds) in [(0, 2), (1, 4), (2, 8), (3, 16), (4, 2)] {
+            let answers = (0..16_000u64)
+                .filter(|k| {
+                    lot(
+                        Address(7),
+                        sequence,
+                        DeviceTime::from_ticks(k * 638_976_123),
+                    )
+                })
                 .count();
-            assert!((80..=176).contains(&differ), "{a} {b}: {differ} of 256");
+            let expected = 16_000 / odds;
+            assert!(
+                answers.abs_diff(expected) < expected / 8 + 40,
+                "{answers} of 16000 at 1/{odds}"
+            );
+        }
+    }
+
+    #[test]
+    fn two_nodes_draw_independently() {
+        let draw =
+            |address, k: u64| lot(Address(address), 0, DeviceTime::from_ticks(k * 638_976_123));
+        for (a, b) in [(1, 2), (0x0102, 0x0201), (0xFFFE, 0x7FFF), (16, 17)] {
+            let alone = (0..4_000).filter(|&k| draw(a, k) != draw(b, k)).count();
+            assert!((1_800..2_200).contains(&alone), "{a} {b}: {alone} of 4000");
         }
     }
 }

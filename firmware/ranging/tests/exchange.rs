@@ -184,21 +184,46 @@ fn both_sides_measure_the_same_range() {
 #[test]
 fn a_poll_to_all_is_answered_by_a_node_that_nobody_knows() {
     let (mut initiator, mut responder) = pair();
-    let answered = (0..16).any(|_| {
+    let answered = (0..64).any(|k| {
         let Command::Send { frame, .. } = initiator.start(Address::BROADCAST) else {
             panic!("no poll");
         };
+        // Each search comes at another time, which decides the lot.
         let step = responder.on_event(Event::Received {
             bytes: &frame,
-            at: at(0),
+            at: at(638_976_123 * k),
         });
         matches!(step.command, Command::Send { .. })
     });
     assert!(answered);
 }
 
+/// A search by `initiator`, and whether the responder answers.
+fn searched(responder: &mut Responder, source: Address, sequence: u8, t: DeviceTime) -> bool {
+    let search = Frame {
+        sequence,
+        pan: PAN,
+        destination: Address::BROADCAST,
+        source,
+        exchange: sequence,
+        message: Message::Poll,
+    };
+    let step = responder.on_event(Event::Received {
+        bytes: &search.encode(),
+        at: t,
+    });
+    let answers = matches!(step.command, Command::Send { .. });
+    if answers {
+        // Back to listening.
+        responder.on_event(Event::SendTooLate);
+    } else {
+        assert_eq!(step.outcome, Some(Outcome::Ignored(Ignored::LeftToOthers)));
+    }
+    answers
+}
+
 #[test]
-fn a_node_polled_by_its_address_leaves_polls_to_all_to_others() {
+fn a_search_by_who_knows_the_node_is_left_to_others_for_a_second() {
     let (mut initiator, mut responder) = pair();
     exchange(
         &mut initiator,
@@ -208,22 +233,67 @@ fn a_node_polled_by_its_address_leaves_polls_to_all_to_others() {
         100.0,
         0.0,
     );
-    for i in 0..50 {
-        let Command::Send { frame, .. } = initiator.start(Address::BROADCAST) else {
-            panic!("no poll");
+    let at_ms = |ms: u64| at(TICKS_PER_SECOND / 1000 * ms);
+    let answers = |responder: &mut Responder, who, from_ms, to_ms| {
+        (from_ms..to_ms)
+            .step_by(10)
+            .filter(|&ms| searched(responder, who, ms as u8 / 2, at_ms(ms)))
+            .count()
+    };
+    assert_eq!(answers(&mut responder, A, 10, 990), 0);
+    // Somebody else's searches are another matter, then and later.
+    assert!(answers(&mut responder, Address(0x77), 10, 990) > 5);
+    assert!(answers(&mut responder, A, 1_010, 2_000) > 5);
+}
+
+#[test]
+fn a_search_in_mid_exchange_ends_it_whether_answered_or_not() {
+    let (_, mut responder) = pair();
+    for sequence in 0..64 {
+        responder.start();
+        let poll = frame(A, B, 200, Message::Poll);
+        responder.on_event(Event::Received {
+            bytes: &poll,
+            at: at(0),
+        });
+        responder.on_event(Event::Sent { at: at(40_000_000) });
+        let search = Frame {
+            sequence,
+            pan: PAN,
+            destination: Address::BROADCAST,
+            source: A,
+            exchange: sequence,
+            message: Message::Poll,
         };
+        // A knows this node, so it must leave the search to others.
         let step = responder.on_event(Event::Received {
-            bytes: &frame,
-            at: at(TICKS_PER_SECOND / 100 * i),
+            bytes: &search.encode(),
+            at: at(80_000_000),
         });
         assert_eq!(
             step,
             Step {
-                command: Command::KeepListening,
-                outcome: Some(Outcome::Ignored(Ignored::LeftToOthers))
+                command: Command::Listen { timeout_us: None },
+                outcome: Some(Outcome::Failed(Failure::Superseded))
             }
         );
     }
+}
+
+#[test]
+fn a_frame_from_nobody_makes_no_peer() {
+    let (mut initiator, _) = pair();
+    initiator.start(Address::BROADCAST);
+    initiator.on_event(Event::Sent { at: at(0) });
+    let response = frame(Address::BROADCAST, A, 1, Message::Response);
+    let step = initiator.on_event(Event::Received {
+        bytes: &response,
+        at: at(50_000_000),
+    });
+    assert_eq!(
+        step.outcome,
+        Some(Outcome::Ignored(Ignored::ForeignNetwork))
+    );
 }
 
 #[test]
@@ -516,8 +586,8 @@ proptest! {
         }
     }
 
-    /// No sequence of events, sensible or not, panics, and a machine can
-    /// always be started again.
+    /// No sequence of events, sensible or not, panics or gets stuck: silence
+    /// (or a send that never happened) leads both machines back to rest.
     #[test]
     fn no_sequence_of_events_gets_stuck(events in prop::collection::vec(any_event(), 0..60)) {
         let (mut initiator, mut responder) = pair();
@@ -527,7 +597,11 @@ proptest! {
             initiator.on_event(event);
             responder.on_event(event);
         }
-        responder.start();
+        for end in [Event::SendTooLate, Event::ListenTimeout] {
+            initiator.on_event(end);
+            responder.on_event(end);
+        }
+        prop_assert!(initiator.is_idle() && responder.is_idle());
         exchange(&mut initiator, &mut responder, TRUE_CLOCK, TRUE_CLOCK, 100.0, 0.0);
     }
 }

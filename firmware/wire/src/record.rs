@@ -92,7 +92,8 @@ pub struct Range {
     pub quality: Quality,
 }
 
-/// How good the reception behind a range was, at the node that reports it.
+/// How good the reception behind a range was, at the node that reports it: of
+/// the response at the initiator, of the final at the responder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Quality {
@@ -170,16 +171,20 @@ pub struct Counters {
     pub bad_stamps: u32,
     /// The radio did what the exchange's state does not allow.
     pub unexpected_events: u32,
-    /// Frames with a bad check sequence, header or Reed-Solomon code.
+    /// Exchanges that ran when the radio had to be started again.
+    pub cut_off: u32,
+    /// Receptions that came to nothing: a bad check sequence, header or
+    /// Reed-Solomon code, no frame after a preamble, no time stamp.
     pub damaged_frames: u32,
     /// Frames that are not of this protocol or network.
     pub foreign_frames: u32,
     /// Frames of this network for other nodes or other exchanges.
     pub others_frames: u32,
-    /// Times the radio did nothing for so long that it was reset.
+    /// Times the radio was started again, or that was tried: it failed, did
+    /// nothing, or had lost its settings.
     pub radio_resets: u32,
     /// SPI transfers that failed.
     pub bus_errors: u32,
-    /// Records thrown away because the host did not take them in time.
+    /// Records thrown away because the line to the host was too slow for them.
     pub records_dropped: u32,
 }

@@ -74,6 +74,7 @@ fn the_longest_record_fits() {
             send_time_mismatch: all,
             bad_stamps: all,
             unexpected_events: all,
+            cut_off: all,
             damaged_frames: all,
             foreign_frames: all,
             others_frames: all,
@@ -139,6 +140,19 @@ fn records_and_versions_from_the_future_are_skipped_and_counted() {
     assert_eq!(decoder.statistics().unknown, 2);
     // An unknown record still has a number: nothing is missing after it.
     assert_eq!(decoder.statistics().lost, 0);
+}
+
+#[test]
+fn all_record_numbers_up_to_the_last_are_known() {
+    let trouble = |variant: u8| {
+        let mut decoder = Decoder::new();
+        decode(&mut decoder, &frame_around(&[1, 0, variant]))
+    };
+    // Known numbers with nothing behind them are records cut short.
+    for known in 0..=2 {
+        assert_eq!(trouble(known), [Event::Trouble(Trouble::Corrupt)]);
+    }
+    assert_eq!(trouble(3), [Event::Trouble(Trouble::Unknown(3))]);
 }
 
 #[test]
@@ -226,7 +240,7 @@ proptest! {
         prop_assert_eq!(decoder.statistics().bytes, bytes.len() as u64);
     }
 
-    /// However the stream is cut into reads, the records are the same.
+    /// A reader that missed the beginning finds all frames that come whole.
     #[test]
     fn a_reader_may_start_anywhere(skip in 0usize..200) {
         let sent: Vec<_> = (0..8).map(range).collect();

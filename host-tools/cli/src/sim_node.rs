@@ -1,8 +1,8 @@
 //! The firmware's node on a simulated board: what `firmware/dwm1001` is on a
 //! real one.
 
-use nova_hal_sim::BoardHal;
-use nova_node::{Node, NodeConfig, SpiBusWithSpeed, SpiSpeed};
+use nova_hal_sim::{BoardConfig, BoardHal, BoardId, Simulation, UartConfig};
+use nova_node::{ConfigError, Node, NodeConfig, SpiBusWithSpeed, SpiSpeed};
 use nova_wire::{Encoder, MAX_FRAME_LEN};
 
 /// SPI clocks as on the board, in Hz.
@@ -12,15 +12,37 @@ const FAST_HZ: u32 = 8_000_000;
 /// Bits per second of the board's serial port.
 pub const BAUD: u32 = 1_000_000;
 
-/// Runs a node on `hal` for ever; records leave on the simulated UART.
-pub fn run(hal: &BoardHal, config: NodeConfig) {
+/// Adds a board that runs a node; its records leave on the simulated serial port.
+///
+/// # Errors
+/// A setting of the node that cannot work.
+pub fn add(
+    sim: &mut Simulation,
+    board: BoardConfig,
+    node: NodeConfig,
+) -> Result<BoardId, ConfigError> {
+    node.check()?;
+    let board = BoardConfig {
+        uart: UartConfig {
+            baud: BAUD,
+            ..board.uart
+        },
+        ..board
+    };
+    Ok(sim.add_board(board, move |hal| run(&hal, node)))
+}
+
+fn run(hal: &BoardHal, config: NodeConfig) {
     let bus = SpiBusWithSpeed::new(hal.spi_device(), |spi, speed| {
         spi.set_frequency(match speed {
             SpiSpeed::Slow => SLOW_HZ,
             SpiSpeed::Fast => FAST_HZ,
         });
     });
-    let mut node = Node::new(bus, hal.rst(), hal.delay(), config);
+    // The settings have been checked.
+    let Ok(mut node) = Node::new(bus, hal.rst(), hal.delay(), config) else {
+        return;
+    };
     let mut encoder = Encoder::new();
     let mut uart = hal.uart();
     loop {

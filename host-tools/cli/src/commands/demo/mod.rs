@@ -9,7 +9,7 @@ use crate::{screen, sim_node};
 use anyhow::Result;
 use nalgebra::Vector3;
 use nova_flight::{Positioning, SCurve, SCurveShape};
-use nova_hal_sim::{BoardConfig, ClockConfig, Motion, SimConfig, SimTime, Simulation, UartConfig};
+use nova_hal_sim::{BoardConfig, ClockConfig, Motion, SimConfig, SimTime, Simulation};
 use nova_node::NodeConfig;
 use nova_node::ranging::Address;
 use nova_solver::{Localisation, MultilaterationOptions, RangeMeasurement, multilaterate};
@@ -190,20 +190,13 @@ impl Demo {
             clock,
             motion,
             rx_noise_ps: self.range_noise_ps,
-            uart: UartConfig {
-                baud: sim_node::BAUD,
-                ..UartConfig::default()
-            },
             ..BoardConfig::default()
         };
-        sim.add_board(
-            board("tag", draw.tag_clock, Motion::fixed(draw.tag_m.into())),
-            |hal| sim_node::run(&hal, NodeConfig::tag(TAG)),
-        );
+        let tag = board("tag", draw.tag_clock, Motion::fixed(draw.tag_m.into()));
+        sim_node::add(&mut sim, tag, NodeConfig::tag(TAG))?;
         let motion = Motion::path(move |t_s| path.position_m(t_s - TAKE_OFF_S).into());
-        let anchor = sim.add_board(board("anchor", draw.anchor_clock, motion), |hal| {
-            sim_node::run(&hal, NodeConfig::anchor(ANCHOR));
-        });
+        let anchor = board("anchor", draw.anchor_clock, motion);
+        let anchor = sim_node::add(&mut sim, anchor, NodeConfig::anchor(ANCHOR))?;
 
         let steps = ((TAKE_OFF_S + path.duration_s()) / STEP_S).ceil() as u64;
         let bar = screen::progress(steps, self.json);
