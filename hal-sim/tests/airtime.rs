@@ -62,6 +62,32 @@ fn every_started_block_of_330_bits_costs_48_parity_bits() {
     assert_eq!(bits(127), 1016 + 4 * 48);
 }
 
+/// User Manual 7.2.31.2 lists the longest frames that get each boost of smart power; an SFD of 16 symbols at PRF 64 MHz
+/// gives exactly these.
+#[test]
+fn longest_boosted_frames_are_those_of_the_manual() {
+    let us = |symbols, sfd_symbols, bytes| {
+        let sfd = Sfd::User {
+            symbols: sfd_symbols,
+        };
+        let phy = phy(Prf::Mhz64, symbols, DataRate::Kbps6800, sfd);
+        Airtime::of(&phy, bytes).total_s() * 1e6
+    };
+    for (limit_us, symbols, sfd_symbols, longest) in [
+        (125.0, 64, 16, 15),
+        (125.0, 64, 12, 19),
+        (125.0, 64, 8, 23),
+        (250.0, 64, 16, 123),
+        (250.0, 128, 16, 67),
+        (500.0, 64, 16, 333),
+        (500.0, 128, 16, 281),
+        (500.0, 256, 16, 166),
+    ] {
+        assert!(us(symbols, sfd_symbols, longest) < limit_us);
+        assert!(us(symbols, sfd_symbols, longest + 1) >= limit_us);
+    }
+}
+
 #[test]
 fn longest_sfd_at_850_kbit_has_16_symbols() {
     let sfd = Sfd::Decawave { symbols: 16 };

@@ -212,6 +212,34 @@ fn the_receiver_follows_a_transmission_that_waits_for_a_response() {
 }
 
 #[test]
+fn switching_the_receiver_on_clears_the_events_of_the_last_reception() {
+    let (mut bench, [a, b]) = Bench::ready([at(0.0), at(10.0)]);
+    let status = bench.exchange(a, b, FRAME);
+    assert_ne!(status & RXFCG, 0);
+    bench.command(b, RXENAB);
+    let events = RXPRD | RXSFDD | LDEDONE | RXDFR | RXFCG;
+    assert_eq!(bench.status(b) & events, 0);
+}
+
+#[test]
+fn decawaves_sfd_is_as_long_as_sfd_length_says() {
+    let (mut bench, [a, b]) = Bench::ready([at(0.0), at(10.0)]);
+    let channel_5_code_4 = 0x2104_0055u32;
+    let dwsfd = channel_5_code_4 | 1 << 17;
+    // DWSFD takes precedence over TNSSFD and RNSSFD.
+    let with_user_sfd = dwsfd | 0b11 << 20;
+    bench.write(a, CHAN_CTRL, 0, &with_user_sfd.to_le_bytes());
+    bench.write(b, CHAN_CTRL, 0, &dwsfd.to_le_bytes());
+    for (symbols_a, symbols_b, heard) in [(8, 8, true), (16, 8, false), (16, 16, true)] {
+        bench.write(a, 0x21, 0, &[symbols_a]);
+        bench.write(b, 0x21, 0, &[symbols_b]);
+        let status = bench.exchange(a, b, FRAME);
+        assert_eq!(status & RXFCG != 0, heard, "{symbols_a} and {symbols_b}");
+        bench.command(b, TRXOFF);
+    }
+}
+
+#[test]
 fn frames_for_others_are_rejected_by_the_filter() {
     let (mut bench, [a, b]) = Bench::ready([at(0.0), at(10.0)]);
     bench.set_sys_cfg(b, 1 | 1 << 3);

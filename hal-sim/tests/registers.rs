@@ -13,7 +13,13 @@ fn reset_values_are_those_of_the_manual() {
     assert_eq!(bench.number(chip, SYS_CFG, 0, 4), 0x1200);
     assert_eq!(bench.number(chip, TX_FCTRL, 0, 5), 0x0015_400C);
     assert_eq!(bench.number(chip, 0x03, 0, 4), 0xFFFF_FFFF);
+    assert_eq!(bench.number(chip, 0x1E, 0, 4), 0x0E08_0222);
+    assert_eq!(bench.number(chip, CHAN_CTRL, 0, 4), 0x2104_0055);
+    assert_eq!(bench.number(chip, 0x24, 0, 4), 0);
+    assert_eq!(bench.number(chip, DRX, 0x02, 2), 0x0001);
+    assert_eq!(bench.number(chip, DRX, 0x06, 2), 0x0020);
     assert_eq!(bench.number(chip, DRX, 0x20, 2), 0x1041);
+    assert_eq!(bench.number(chip, 0x28, 0x30, 5), 0x88_8888_8888);
     assert_eq!(bench.number(chip, PMSC, 0, 4), 0xF030_0200);
     assert_eq!(bench.number(chip, 0x2E, 0x0806, 1), 0x6C);
     assert_ne!(bench.status(chip) & CPLOCK, 0);
@@ -116,6 +122,26 @@ fn otp_words_are_read_through_the_manual_mode() {
     assert_eq!(word(0x004), 0x8888_8888);
     assert_eq!(word(0x100), 0);
     assert_eq!(bench.number(chip, 0x01, 0, 8), 0x1122_3344_5566_7788);
+}
+
+#[test]
+fn ldeload_reads_as_set_until_the_microcode_is_loaded() {
+    let (mut bench, [chip]) = Bench::cold([at(0.0)]);
+    bench.write(chip, PMSC, 0, &[0x01, 0x03]);
+    bench.write(chip, 0x2D, 6, &[0x00, 0x80]);
+    assert_eq!(bench.number(chip, 0x2D, 6, 2), 0x8000);
+    bench.wait_us(150);
+    assert_eq!(bench.number(chip, 0x2D, 6, 2), 0);
+}
+
+#[test]
+fn the_rf_pll_is_locked_only_while_the_radio_is_on() {
+    let (mut bench, [chip]) = Bench::ready([at(0.0)]);
+    assert_eq!(bench.number(chip, 0x28, 0x2C, 1), 0b0001);
+    bench.command(chip, RXENAB);
+    assert_eq!(bench.number(chip, 0x28, 0x2C, 1), 0b1001);
+    bench.command(chip, TRXOFF);
+    assert_eq!(bench.number(chip, 0x28, 0x2C, 1), 0b0001);
 }
 
 #[test]

@@ -9,6 +9,7 @@ use nova_hal_sim::{ChannelConfig, ClockConfig};
 const FRAME: &[u8] = b"\x41\x88\x00 twelve by";
 /// 128 + 8 symbols at PRF 16 MHz.
 const SHR_TICKS: u64 = 136 * 496 * 128;
+const TICKS_PER_US: u64 = 63_898;
 
 #[test]
 fn delayed_frames_leave_on_the_512_tick_grid() {
@@ -60,17 +61,49 @@ fn a_time_just_past_sets_hpdwarn_and_the_chip_waits_a_whole_wrap() {
 }
 
 #[test]
-fn too_little_time_for_the_preamble_sets_txpute() {
+fn too_little_time_to_power_up_counts_and_costs_preamble_but_not_the_time() {
     let (mut bench, [a]) = Bench::ready([at(0.0)]);
+    bench.write(a, EVC, 0, &[1, 0, 0, 0]);
     bench.load_frame(a, FRAME);
-    // Ahead of now, but by less than preamble and start-up.
-    let when = bench.system_time(a) + SHR_TICKS + 2_000_000;
+    // The transactions up to the command take 68 us; power-up would take 10 us more.
+    let when = bench.system_time(a) + SHR_TICKS + 73 * TICKS_PER_US;
     bench.write(a, DX_TIME, 0, &when.to_le_bytes()[..5]);
     bench.command(a, TXSTRT | TXDLYS);
-    let status = bench.status(a);
-    assert_eq!(status & (TXPUTE | HPDWARN), TXPUTE);
+    bench.wait_us(1_000);
+    // The flag itself ends with the preamble's start, before anybody can read it.
+    assert_eq!(bench.status(a) & (TXFRS | TXPUTE | HPDWARN), TXFRS);
+    assert_eq!(bench.number(a, EVC, 0x18, 2), 0);
+    assert_eq!(bench.number(a, EVC, 0x1A, 2), 1);
+    assert_eq!(bench.number(a, TX_TIME, 5, 5), when & !0x1FF);
+}
+
+#[test]
+fn a_preamble_that_should_have_begun_already_is_late() {
+    let (mut bench, [a]) = Bench::ready([at(0.0)]);
+    bench.load_frame(a, FRAME);
+    // The RMARKER is still to come, the preamble's start is not.
+    let when = bench.system_time(a) + SHR_TICKS + 60 * TICKS_PER_US;
+    bench.write(a, DX_TIME, 0, &when.to_le_bytes()[..5]);
+    bench.command(a, TXSTRT | TXDLYS);
+    assert_ne!(bench.status(a) & HPDWARN, 0);
     bench.wait_us(10_000);
     assert_eq!(bench.status(a) & TXFRS, 0);
+}
+
+#[test]
+fn events_of_the_last_frame_go_when_the_next_one_begins() {
+    let (mut bench, [a]) = Bench::ready([at(0.0)]);
+    bench.load_frame(a, FRAME);
+    bench.command(a, TXSTRT);
+    bench.wait_us(1_000);
+    let when = bench.system_time(a) + 2_000 * TICKS_PER_US;
+    bench.write(a, DX_TIME, 0, &when.to_le_bytes()[..5]);
+    bench.command(a, TXSTRT | TXDLYS);
+    assert_ne!(bench.status(a) & TXFRS, 0);
+    bench.wait_us(1_850);
+    assert_eq!(bench.status(a) & TXFRS, 0);
+    bench.wait_us(500);
+    assert_ne!(bench.status(a) & TXFRS, 0);
 }
 
 #[test]
@@ -80,7 +113,9 @@ fn trxoff_ends_the_wait_of_a_late_frame() {
     let when = bench.system_time(a);
     bench.write(a, DX_TIME, 0, &when.to_le_bytes()[..5]);
     bench.command(a, TXSTRT | TXDLYS);
+    assert_ne!(bench.status(a) & HPDWARN, 0);
     bench.command(a, TRXOFF);
+    assert_eq!(bench.status(a) & HPDWARN, 0);
     assert_eq!(bench.number(a, SYS_CTRL, 0, 4), 0);
     bench.wait_us(20_000_000);
     assert_eq!(bench.status(a) & TXFRS, 0);

@@ -3,7 +3,8 @@
 //! - A read samples the registers when its transfer starts, so SYS_TIME is at most the three header bytes old
 //!   (3 us at 8 MHz) when it reaches the host, and all bytes of one transfer belong together.
 //! - A write takes effect when chip select goes high.
-//! - Beyond the end of a register file zeros are read, writes vanish, and both are counted.
+//! - Beyond the end of a register file zeros are read (the chip gives parts of 0xDEADDEAD, 7.2.1), writes vanish, and
+//!   both are counted.
 
 use crate::time::SimTime;
 
@@ -96,7 +97,8 @@ impl Chip {
         self.clock.counter_at(now) & !0x1FF
     }
 
-    /// SYS_STATE with the PMSC's state in byte 2 (7.2.27); the finer states of transmitter and receiver stay 0.
+    /// SYS_STATE with the PMSC's state in byte 2 (7.2.27, described from version 2.18 on); the finer states of
+    /// transmitter and receiver stay 0.
     fn sys_state(&self) -> [u8; 5] {
         let pmsc = if self.power.state == PowerState::Init {
             0
@@ -112,17 +114,15 @@ impl Chip {
         [0, 0, pmsc, 0, 0]
     }
 
-    /// RF_STATUS: the PLLs are locked in IDLE (7.2.41).
+    /// RF_STATUS (7.2.41.6): the clock PLL is locked from IDLE on, the RF PLL while transmitter or receiver is on.
     fn fill_rf_status(&self, offset: usize, out: &mut [u8]) {
         if let Some(byte) = sub::RF_STATUS
             .checked_sub(offset)
             .and_then(|i| out.get_mut(i))
         {
-            *byte = if self.power.state == PowerState::Idle {
-                0b1001
-            } else {
-                0
-            };
+            let clock = self.power.state == PowerState::Idle;
+            let rf = self.transmitter.activity() == TxActivity::OnAir || self.receiver.is_on();
+            *byte = u8::from(clock) | u8::from(clock && rf) << 3;
         }
     }
 
@@ -162,7 +162,8 @@ impl Chip {
         match id {
             file::SYS_CTRL => {
                 let command = self.registers.u32(file::SYS_CTRL, 0);
-                // All bits clear themselves (7.2.15).
+                // All bits clear themselves, those of delayed operations only when these begin (7.2.15); here all do at
+                // once.
                 self.registers.set(file::SYS_CTRL, 0, &[0; 4]);
                 self.command(now, command);
             }
@@ -183,6 +184,8 @@ impl Chip {
         if set(sys_ctrl::TRXOFF) {
             self.abort_transmission();
             self.receiver_off();
+            // They end with what they warn of (7.2.17).
+            self.clear_status(status::HPDWARN | status::TXPUTE);
             return;
         }
         if set(sys_ctrl::CANSFCS) {

@@ -47,18 +47,18 @@ impl Default for ChipConfig {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChipTiming {
     /// From power-on or release of RST until SPI answers (INIT state): the crystal starts. Assumed; drivers wait
-    /// 2 ms or more.
+    /// 2 ms or more after RST, and the manual has some 4 ms from power-on (2.4, figure 9).
     pub start_up: SimDuration,
-    /// From INIT until the clock PLL has locked (IDLE state).
+    /// From INIT until the clock PLL has locked (IDLE state; User Manual 2.4, figure 9: 7 us and 5 us).
     pub pll_lock: SimDuration,
     /// From LDELOAD until the microcode is loaded (User Manual 2.5.5.10: 150 us).
     pub lde_load: SimDuration,
-    /// From TXSTRT until the first preamble symbol can leave.
+    /// From TXSTRT until the first preamble symbol can leave. Assumed; the manual says a few microseconds (3.3).
     pub tx_start_up: SimDuration,
     /// From RXENAB until the receiver hears (User Manual 7.2.15, RXENAB: 16 us).
     pub rx_start_up: SimDuration,
     /// From the RMARKER until the leading edge has been found (LDEDONE). Assumed; shorter than the PHR, so that it
-    /// comes before RXDFR, as drivers that look at RXFCG alone take for granted.
+    /// comes before RXDFR, which the chip holds back until then (User Manual 7.2.17, RXDFR).
     pub lde_run: SimDuration,
     /// Preamble that the receiver needs before it notices a frame, in preamble acquisition chunks (PAC).
     pub detection_pacs: u32,
@@ -70,7 +70,7 @@ impl Default for ChipTiming {
     fn default() -> Self {
         ChipTiming {
             start_up: SimDuration::from_us(1_000),
-            pll_lock: SimDuration::from_us(200),
+            pll_lock: SimDuration::from_us(12),
             lde_load: SimDuration::from_us(150),
             tx_start_up: SimDuration::from_us(10),
             rx_start_up: SimDuration::from_us(16),
@@ -86,7 +86,8 @@ impl Default for ChipTiming {
 pub struct Quirks {
     /// After a receive error or timeout, receive time stamps are wrong by up to this many ticks until the receiver
     /// has been reset through PMSC_CTRL0 (User Manual 4.1.6, "RX message timestamp"). The manual does not say by how
-    /// much; the error here is uniform. 0 switches it off.
+    /// much; the error here is uniform. It exempts RXPTO and RXSFDTO, which count here too: the vendor's driver resets
+    /// after them as well. 0 switches it off.
     pub stale_receiver_error_ticks: u32,
     /// How RX_FQUAL and the first path amplitudes follow the power received.
     pub level_report: LevelReport,

@@ -10,9 +10,9 @@
 //! The registers are filled so that these formulas give back the simulated powers. As on the chip, RXPACC counts on
 //! into the SFD; when RXPACC equals RXPACC_NOSAT the reader takes off the number of table 18 (7.2.18) first.
 //!
-//! **Carrier integrator** (DRX_CAR_INT, 21 bits signed). One unit is a carrier offset of 998.4 MHz / 2 / L / 2^17 Hz
-//! with L = 8192 at 110 kbit/s and 1024 otherwise. It is positive when the *sender's* clock is slower than the
-//! receiver's:
+//! **Carrier integrator** (DRX_CAR_INT, 7.2.40.11, 21 bits signed). One unit is a carrier offset of
+//! 998.4 MHz / 2 / L / 2^17 with L = 8192 at 110 kbit/s and 1024 otherwise. It is positive when the *sender's* clock is
+//! slower than the receiver's:
 //!
 //! ```text
 //! (f_sender - f_receiver) / f_receiver = - value x 998.4e6 / (2 L 2^17) / f_carrier
@@ -22,7 +22,8 @@
 //! offset taken from the six time stamps, the slope is -1.045e-4 ppm a unit at the tag and -1.028e-4 at the anchor
 //! (the rule says -1.0347e-4; both see the other side). The data set stores 17 of the 21 bits.
 //! **Time tracking** (RX_TTCKI 7.2.21, RX_TTCKO 7.2.22): offset / interval is the same clock offset with the sign of the
-//! carrier integrator, as the manual states it; no recording was at hand to check that sign.
+//! carrier integrator. The examples in 7.2.22 have the other sign, but drivers that correct single-sided ranging with
+//! it, the vendor's among them, need this one; no recording was at hand to check.
 
 use crate::air::Signal;
 use crate::phy::{DataRate, Prf, Sfd};

@@ -1,4 +1,4 @@
-//! One-time programmable memory: 32-bit words behind OTP_ADDR, OTP_CTRL and OTP_RDAT (User Manual 6.3).
+//! One-time programmable memory: 32-bit words behind OTP_ADDR, OTP_CTRL and OTP_RDAT (User Manual 6.3.1, table 10).
 
 /// What the factory wrote into the chip. Words that are not listed read as 0.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -7,17 +7,18 @@ pub struct OtpConfig {
     pub eui: u64,
     /// LDO tuning (0x004, 0x005), 40 bits.
     pub ldo_tune: u64,
-    /// Part identifier (0x006).
+    /// Part identifier (0x006): 0x101 and 20 bits.
     pub part_id: u32,
-    /// Lot identifier (0x007).
+    /// Lot identifier (0x007): 0x1 and 28 bits.
     pub lot_id: u32,
-    /// Transmit power words for channels 1 to 5 and 7 at PRF 16 and 64 MHz (0x010 to 0x01B); 0 is not programmed.
+    /// Transmit power words, for each of the channels 1 to 5 and 7 at PRF 16 and then 64 MHz (0x010 to 0x01B); 0 is not
+    /// programmed.
     pub tx_power: [u32; 12],
     /// Antenna delay in ticks at PRF 16 MHz (0x01C, low half).
     pub antenna_delay_prf16: u16,
     /// Antenna delay in ticks at PRF 64 MHz (0x01C, high half).
     pub antenna_delay_prf64: u16,
-    /// Crystal trim, 5 bits (0x01E, low byte).
+    /// Crystal trim, 5 bits (0x01E, low byte); 0 is not programmed.
     pub xtal_trim: u8,
     /// Revision of this layout (0x01E, second byte).
     pub revision: u8,
@@ -28,8 +29,8 @@ impl Default for OtpConfig {
         OtpConfig {
             eui: 0,
             ldo_tune: 0x88_8888_8888,
-            part_id: 0x1000_0000,
-            lot_id: 0x2000_0000,
+            part_id: 0x1010_0000,
+            lot_id: 0x1000_0000,
             tx_power: [0; 12],
             antenna_delay_prf16: 16_456,
             antenna_delay_prf64: 16_456,

@@ -6,7 +6,7 @@
 //!    ^                                                    ^  fast SPI: Dead      │ soft reset
 //!    └── RST low, from anywhere                           └──────────────────────┘
 //! ```
-//! `Init` and `Idle` are the chip's INIT and IDLE states (User Manual 2.4); only there does SPI answer.
+//! `Init` and `Idle` are the chip's INIT and IDLE states (User Manual 2.3.2); only there does SPI answer.
 
 use crate::clock::DeviceClock;
 use crate::time::{SimDuration, SimTime};
@@ -48,7 +48,8 @@ pub(crate) enum PowerEvent {
     LdeLoaded,
 }
 
-/// FS_XTALT's five trim bits at mid-range, where [`ClockConfig::ppm`](crate::clock::ClockConfig) holds.
+/// FS_XTALT's five trim bits at mid-range, where [`ClockConfig::ppm`](crate::clock::ClockConfig) holds (the vendor's
+/// driver; 8.1 of the manual calls 0x0F the middle).
 const XTAL_TRIM_MIDRANGE: u8 = 0x10;
 
 impl Chip {
@@ -116,6 +117,9 @@ impl Chip {
             PowerEvent::LdeLoaded => {
                 // The load runs from the crystal clock; taking it away early spoils it.
                 self.power.lde_loaded = self.lde_clocks_on();
+                let ctrl = self.registers.u16(file::OTP_IF, sub::OTP_CTRL) & !otp_ctrl::LDELOAD;
+                self.registers
+                    .set(file::OTP_IF, sub::OTP_CTRL, &ctrl.to_le_bytes());
             }
             _ => {}
         }
@@ -189,12 +193,14 @@ impl Chip {
             let word = self.otp.word(address).to_le_bytes();
             self.registers.set(file::OTP_IF, sub::OTP_RDAT, &word);
         }
-        if ctrl & otp_ctrl::LDELOAD != 0 && self.lde_clocks_on() {
+        let loading = ctrl & otp_ctrl::LDELOAD != 0 && self.lde_clocks_on();
+        if loading {
             let at = now + self.timing.lde_load;
             self.ask_power(at, PowerEvent::LdeLoaded);
         }
-        // OTPREAD and LDELOAD clear themselves (7.2.46).
-        let kept = ctrl & !(otp_ctrl::OTPREAD | otp_ctrl::LDELOAD);
+        // OTPREAD and LDELOAD clear themselves when their work is done (7.2.46.3).
+        let unfinished = if loading { otp_ctrl::LDELOAD } else { 0 };
+        let kept = ctrl & !(otp_ctrl::OTPREAD | otp_ctrl::LDELOAD) | unfinished;
         self.registers
             .set(file::OTP_IF, sub::OTP_CTRL, &kept.to_le_bytes());
     }

@@ -13,7 +13,8 @@
 //! channel less than the capture threshold weaker destroys the parts that it overlaps: the SFD (no RXSFDD, then
 //! RXSFDTO), the PHR (RXPHE) or the data (RXRFSL); overlap with the preamble alone does no harm. The address filter
 //! decides at the end of the frame (the chip decides once the header is in). The frame wait timer runs on when RXAUTR
-//! restarts the receiver.
+//! restarts the receiver (the chip starts it anew after a good frame, 7.2.14). The events of the last reception go when
+//! the host switches the receiver on again; on the chip RXAUTR does that too (7.2.17).
 
 use crate::air::{FrameId, FramesInFlight, Signal};
 use crate::airtime::preamble_symbol_ticks;
@@ -32,6 +33,20 @@ use super::{Chip, ChipEvent};
 
 /// RX_FWTO and W4R_TIM count units of 512 chips, 1.0256 us (7.2.14, 7.2.28).
 const TIMER_UNIT_TICKS: u64 = 512 * crate::airtime::TICKS_PER_CHIP;
+
+/// What the chip clears by itself when its receiver is switched on (7.2.17).
+const ENDED_BY_NEXT_RECEPTION: u64 = status::RXPRD
+    | status::RXSFDD
+    | status::RXPHD
+    | status::RXPHE
+    | status::RXRFSL
+    | status::RXRFTO
+    | status::LDEERR
+    | status::RXPTO
+    | status::RXSFDTO
+    | status::AFFREJ;
+/// The same of the double receive buffer, where the host may still have a frame to read.
+const ENDED_IN_SINGLE_BUFFER: u64 = status::LDEDONE | status::RXDFR | status::RXFCG | status::RXFCE;
 
 /// The first number is the hunt that asked for the call.
 #[derive(Debug, Clone, Copy)]
@@ -135,6 +150,10 @@ impl Chip {
         if busy || self.receiver.held_in_reset || self.power.state != PowerState::Idle {
             self.stats.ignored_commands += 1;
             return;
+        }
+        self.clear_status(ENDED_BY_NEXT_RECEPTION);
+        if self.registers.sys_cfg() & sys_cfg::DIS_DRXB != 0 {
+            self.clear_status(ENDED_IN_SINGLE_BUFFER);
         }
         self.receiver.session += 1;
         self.receiver.state = State::Starting;

@@ -16,7 +16,8 @@ pub(crate) enum Access {
 
 use Access::{ReadOnly, ReadWrite};
 
-/// Identifier, length in bytes, access.
+/// Identifier, length in bytes, access. Table 15 of the manual gives AGC_CTRL, DRX_CONF and OTP_IF 32, 44 and 18 bytes,
+/// which would leave out the ends of AGC_STAT1, RXPACC_NOSAT and OTP_SF.
 const MAP: &[(u8, usize, Access)] = &[
     (file::DEV_ID, 4, ReadOnly),
     (file::EUI, 8, ReadWrite),
@@ -62,31 +63,38 @@ const MAP: &[(u8, usize, Access)] = &[
 /// Register file, offset, bytes (little endian) after a reset.
 const RESET: &[(u8, usize, &[u8])] = &[
     (file::DEV_ID, 0, &0xDECA_0130u32.to_le_bytes()),
-    (file::EUI, 0, &[0xFF; 8]),
+    // What chips without an EUI in their OTP show; the manual gives no value.
+    (file::EUI, 0, &0xFFFF_FFFF_0000_0000u64.to_le_bytes()),
     (file::PANADR, 0, &[0xFF; 4]),
     (file::SYS_CFG, 0, &0x0000_1200u32.to_le_bytes()),
     (file::TX_FCTRL, 0, &0x0015_400Cu32.to_le_bytes()),
-    (file::TX_POWER, 0, &0x1E08_0222u32.to_le_bytes()),
-    // Channel 5, PRF 16 MHz, preamble code 4 (2.5.3, default configuration).
+    // So 7.2.31 and the vendor's driver; 2.5.5.6 says 0x1E08_0222.
+    (file::TX_POWER, 0, &0x0E08_0222u32.to_le_bytes()),
+    // Channel 5, PRF 16 MHz, preamble code 4 (2.5.2, default channel configuration).
     (file::CHAN_CTRL, 0, &0x2104_0055u32.to_le_bytes()),
-    (0x23, 0x04, &0x889Bu16.to_le_bytes()),      // AGC_TUNE1
-    (0x24, 0x00, &0x0000_0004u32.to_le_bytes()), // EC_CTRL
-    (file::DRX_CONF, 0x02, &0x000Au16.to_le_bytes()), // DRX_TUNE0b
+    (0x23, 0x02, &0x0001u16.to_le_bytes()), // AGC_CTRL1
+    (0x23, 0x04, &0x889Bu16.to_le_bytes()), // AGC_TUNE1
+    // PRF 16 MHz, 6.8 Mbit/s, preamble of 128 symbols (2.5.4, default receiver configuration).
+    (file::DRX_CONF, 0x02, &0x0001u16.to_le_bytes()), // DRX_TUNE0b
     (file::DRX_CONF, 0x04, &0x0087u16.to_le_bytes()), // DRX_TUNE1a
-    (file::DRX_CONF, 0x06, &0x0064u16.to_le_bytes()), // DRX_TUNE1b
+    (file::DRX_CONF, 0x06, &0x0020u16.to_le_bytes()), // DRX_TUNE1b
     (file::DRX_CONF, 0x08, &0x311E_0035u32.to_le_bytes()), // DRX_TUNE2
     (file::DRX_CONF, 0x20, &0x1041u16.to_le_bytes()), // DRX_SFDTOC
     (file::DRX_CONF, 0x26, &0x0028u16.to_le_bytes()), // DRX_TUNE4H
-    (file::RF_CONF, 0x0B, &[0xD8]),              // RF_RXCTRLH
+    (file::RF_CONF, 0x0B, &[0xD8]),                   // RF_RXCTRLH
     (file::RF_CONF, 0x0C, &0x001E_3DE0u32.to_le_bytes()), // RF_TXCTRL
-    (0x2A, 0x0B, &[0xC5]),                       // TC_PGDELAY
+    (file::RF_CONF, 0x30, &[0x88; 5]),                // LDOTUNE
+    (0x2A, 0x0B, &[0xC5]),                            // TC_PGDELAY
     (file::FS_CTRL, 0x07, &0x0800_041Du32.to_le_bytes()), // FS_PLLCFG
-    (file::FS_CTRL, 0x0B, &[0x46]),              // FS_PLLTUNE
-    (file::FS_CTRL, 0x0E, &[0x60]),              // FS_XTALT
-    (file::LDE_IF, 0x0806, &[0x6C]),             // LDE_CFG1
+    (file::FS_CTRL, 0x0B, &[0x46]),                   // FS_PLLTUNE
+    (file::FS_CTRL, 0x0E, &[0x60]),                   // FS_XTALT
+    (0x2C, 0x06, &0x50FF_1FEEu32.to_le_bytes()),      // AON_CFG0
+    (0x2C, 0x0A, &0x0007u16.to_le_bytes()),           // AON_CFG1
+    (file::LDE_IF, 0x0806, &[0x6C]),                  // LDE_CFG1
     (file::PMSC, 0x00, &0xF030_0200u32.to_le_bytes()), // PMSC_CTRL0
     (file::PMSC, 0x04, &0x8102_0738u32.to_le_bytes()), // PMSC_CTRL1
-    (file::PMSC, 0x0C, &[0x40]),                 // PMSC_SNOZT
+    (file::PMSC, 0x0C, &[0x40]),                      // PMSC_SNOZT
+    (file::PMSC, 0x26, &0x0B74u16.to_le_bytes()),     // PMSC_TXFSEQ
     (file::PMSC, 0x28, &0x0000_0020u32.to_le_bytes()), // PMSC_LEDC
 ];
 

@@ -48,7 +48,7 @@ impl RegisterFile {
             preamble_code: (chan >> 27 & 0x1F) as u8,
             sfd: self.sfd(chan, chan >> 21 & 1 != 0),
             slow: self.sys_cfg() & sys_cfg::RXM110K != 0,
-            // DRX_TUNE2 table 33: the PAC size is bits 26-25.
+            // DRX_TUNE2 (7.2.40.5): the PAC size is bits 26-25.
             pac: 8 << (tune2 >> 25 & 0b11),
         })
     }
@@ -75,14 +75,14 @@ impl RegisterFile {
         })
     }
 
-    /// DWSFD alone is Decawave's 8 symbols; with TNSSFD/RNSSFD the length of SFD_LENGTH applies (table 21).
+    /// DWSFD takes precedence over TNSSFD and RNSSFD (7.2.32); SFD_LENGTH then chooses between 8 and 16 symbols.
     fn sfd(&self, chan: u32, non_standard: bool) -> Sfd {
         let decawave = chan >> 17 & 1 != 0;
         let symbols = self.u8(file::USR_SFD, 0);
         match (decawave, non_standard) {
             (false, false) => Sfd::Standard,
-            (true, false) => Sfd::Decawave { symbols: 8 },
-            (true, true) => Sfd::Decawave { symbols },
+            (true, _) if symbols == 16 => Sfd::Decawave { symbols: 16 },
+            (true, _) => Sfd::Decawave { symbols: 8 },
             (false, true) => Sfd::User { symbols },
         }
     }

@@ -26,6 +26,13 @@ use super::{Chip, ChipEvent, Request, tx_power};
 /// Granularity of transmit times (7.2.12).
 const GRID_TICKS: i128 = 512;
 const FCS_LEN: usize = 2;
+/// What the chip clears by itself when its transmitter starts (7.2.17).
+const ENDED_BY_NEXT_FRAME: u64 = status::TXFRB
+    | status::TXPRS
+    | status::TXPHS
+    | status::TXFRS
+    | status::HPDWARN
+    | status::TXPUTE;
 const FCS: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_KERMIT);
 
 /// The IEEE 802.15.4 frame check sequence of `bytes`.
@@ -130,24 +137,28 @@ impl Chip {
             suppress_fcs,
             wait_for_response,
         });
-        let begin = self.clock.time_of(rmarker.plus_ticks(-shr)).max(now);
+        let begin = rmarker.plus_ticks(-shr).max(ready);
+        let begin = self.clock.time_of(begin).max(now);
         self.ask_tx(begin, TxEvent::Begin);
     }
 
-    /// When a delayed transmission's RMARKER falls. Too late is flagged, and the frame then really waits until the
-    /// counter comes round, 17.2 s later, unless TRXOFF ends it (3.3, 7.2.17 HPDWARN and TXPUTE).
+    /// When a delayed transmission's RMARKER falls (3.3, 7.2.17 HPDWARN and TXPUTE). What counts is the start of the
+    /// preamble. If that is over, the frame waits until the counter comes round, 17.2 s later, unless TRXOFF ends it.
+    /// If only the time to power up is missing, the RMARKER leaves in time but the preamble lacks its first symbols.
+    /// Not modelled: the chip may never end such a frame (application note APS022, section 5.4), and one asked for just
+    /// in time may vanish without a flag (erratum TX-1).
     fn delayed_rmarker(&mut self, now: SimTime, ready: Phase, shr: i128) -> Phase {
-        let rmarker = self.clock.next_phase_of(now, self.dx_time());
-        let ahead = wrap(rmarker.ticks() - self.clock.phase_at(now).ticks());
+        let start = wrap(i128::from(self.dx_time()) - shr);
+        let start = self.clock.next_phase_of(now, start);
+        let ahead = wrap(start.ticks() - self.clock.phase_at(now).ticks());
         if ahead > COUNTER_WRAP / 2 {
             self.warn_half_period();
-        } else if rmarker.plus_ticks(-shr) < ready {
+        } else if start < ready {
             self.status.raise(status::TXPUTE);
             self.count(Counter::PowerUpWarning);
             self.stats.late_commands += 1;
-            return rmarker.plus_ticks(i128::from(COUNTER_WRAP));
         }
-        rmarker
+        start.plus_ticks(shr)
     }
 
     pub(super) fn abort_transmission(&mut self) {
@@ -229,6 +240,7 @@ impl Chip {
             long_phr: settings.long_phr,
             clock_ppm: self.clock.ppm_at(rmarker),
         };
+        self.clear_status(ENDED_BY_NEXT_FRAME);
         self.status.raise(status::TXFRB);
         self.stats.frames_begun += 1;
         self.outbox.push(Request::StartFrame(frame));

@@ -1,9 +1,9 @@
 //! From the TX_POWER register to the power at the antenna (User Manual 7.2.31).
 //!
-//! An octet sets a coarse gain (bits 7-5, 3 dB steps) and a fine gain (bits 4-0, 0.5 dB steps). The manual's table 20
-//! gives, per channel and PRF, the octet that just fills the regulatory mask of -41.3 dBm/MHz over 500 MHz; that octet
-//! is taken as [`MASK_POWER_DBM`] and others are relative to it. One power holds for the whole frame (that of the
-//! preamble): separate powers of PHR and data are not modelled.
+//! An octet sets a coarse gain (bits 7-5, 2.5 dB steps; 3 dB in manuals before version 2.18) and a fine gain (bits 4-0,
+//! 0.5 dB steps). The manual's table 20 gives, per channel and PRF, the octet that just fills the regulatory mask of
+//! -41.3 dBm/MHz over 500 MHz; that octet is taken as [`MASK_POWER_DBM`] and others are relative to it. One power holds
+//! for the whole frame (that of the preamble): separate powers of PHR and data are not modelled.
 
 use crate::phy::{Channel, DataRate, PhyConfig, Prf};
 
@@ -38,7 +38,7 @@ pub(crate) fn power_dbm(register: u32, smart: bool, phy: &PhyConfig, frame_us: f
 /// Gain of an octet in dB; `None` when its coarse part switches the output off.
 fn gain_db(octet: u8) -> Option<f64> {
     let coarse = octet >> 5;
-    (coarse != 0b111).then(|| f64::from(6 - coarse) * 3.0 + f64::from(octet & 0x1F) * 0.5)
+    (coarse != 0b111).then(|| f64::from(6 - coarse) * 2.5 + f64::from(octet & 0x1F) * 0.5)
 }
 
 /// Gain of the octet that fills the mask (table 20, reference values without smart power).
@@ -81,9 +81,9 @@ mod tests {
     }
 
     #[test]
-    fn smart_power_boosts_short_fast_frames_by_nine_db() {
+    fn smart_power_boosts_short_fast_frames_by_three_coarse_steps() {
         let boosted = power_dbm(0x2545_6585, true, &phy(DataRate::Kbps6800), 100.0);
-        assert!((boosted - MASK_POWER_DBM - 9.0).abs() < 1e-9);
+        assert!((boosted - MASK_POWER_DBM - 7.5).abs() < 1e-9);
         let slow = power_dbm(0x2545_6585, true, &phy(DataRate::Kbps850), 100.0);
         assert!((slow - MASK_POWER_DBM).abs() < 1e-9);
     }
