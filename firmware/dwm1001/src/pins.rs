@@ -13,7 +13,7 @@ pub(crate) struct RadioPins {
     pub(crate) chip_select: Peri<'static, peripherals::P0_17>,
     /// High while the DW1000 has something to say.
     pub(crate) interrupt: Peri<'static, peripherals::P0_19>,
-    /// RSTn: pull low to reset, never drive high (DW1000 User Manual 2.2).
+    /// RSTn: pull low to reset, never drive high (DW1000 data sheet, table 1).
     pub(crate) reset: Peri<'static, peripherals::P0_24>,
 }
 
