@@ -43,6 +43,7 @@
 //! - Resets of single blocks other than the receiver's.
 //! - Packet errors near the sensitivity limit: a frame is received or not. Multipath beyond a late or weak first path.
 //!   Range bias with power (APS011). Overlap of channels 2 and 4, or 5 and 7, counts as full overlap.
+//! - Failures of the leading edge search (LDEERR).
 //! - Receive events cleared by RXAUTR: here they stay until the host clears them or enables the receiver.
 //! - Delayed transmissions that get lost without a flag (errata TX-1; APS022, section 5.4).
 //! - Powers of PHR and data apart from the preamble's. Contents of user-defined SFDs: they are taken to match.

@@ -99,16 +99,36 @@ fn time_stamp_noise_has_the_configured_spread() {
     assert!((std_ps - 200.0).abs() < 0.21 * 200.0, "{std_ps} ps");
 }
 
+const DATA_EVENTS: u64 = RXDFR | RXFCG | RXFCE | LDEDONE | LDEERR;
+
 #[test]
-fn without_microcode_there_is_no_time_stamp() {
+fn without_microcode_a_frame_is_ready_but_neither_good_nor_bad_nor_stamped() {
     let (mut bench, [a, b]) = Bench::cold([at(0.0), at(10.0)]);
-    let status = bench.exchange(a, b, FRAME);
-    assert_eq!(status & (RXFCG | LDEDONE | LDEERR), RXFCG | LDEERR);
-    assert_eq!(bench.rx_time(b), 0);
+    // The second frame arrives with a bad FCS.
+    bench.world.add_fault(Fault::corrupt_nth(a, 1));
+    for frame in ["whole", "corrupt"] {
+        let status = bench.exchange(a, b, FRAME);
+        assert_eq!(status & DATA_EVENTS, RXDFR, "{frame}");
+        assert_eq!(bench.rx_time(b), 0, "{frame}");
+    }
+    let stats = bench.world.chip_stats(b);
+    assert_eq!((stats.frames_good, stats.frames_bad_fcs), (0, 0));
     bench.load_lde(b);
-    bench.clear_status(b);
     let status = bench.exchange(a, b, FRAME);
-    assert_eq!(status & (RXFCG | LDEDONE | LDEERR), RXFCG | LDEDONE);
+    assert_eq!(status & DATA_EVENTS, RXDFR | RXFCG | LDEDONE);
+}
+
+#[test]
+fn with_the_leading_edge_search_switched_off_frames_are_good_but_not_stamped() {
+    let (mut bench, [a, b]) = Bench::cold([at(0.0), at(10.0)]);
+    let ctrl1 = bench.number(b, PMSC, 4, 4) as u32 & !(1 << 17); // LDERUNE
+    bench.write(b, PMSC, 4, &ctrl1.to_le_bytes());
+    for microcode in ["missing", "loaded"] {
+        let status = bench.exchange(a, b, FRAME);
+        assert_eq!(status & DATA_EVENTS, RXDFR | RXFCG, "{microcode}");
+        assert_eq!(bench.rx_time(b), 0, "{microcode}");
+        bench.load_lde(b);
+    }
 }
 
 #[test]
@@ -310,6 +330,7 @@ fn loss_probability_takes_its_share() {
         ..ChannelConfig::default()
     };
     let (mut bench, [a, b]) = Bench::with_channel(channel, [at(0.0), at(10.0)]);
+    bench.load_lde(b);
     bench.load_frame(a, FRAME);
     let mut heard = 0;
     for _ in 0..500 {
@@ -383,8 +404,7 @@ fn after_an_error_time_stamps_are_wrong_until_the_receiver_is_reset() {
     assert!(errors.iter().any(|e| *e > 10.0), "{errors:?}");
     assert_eq!(bench.world.chip_stats(b).stale_timestamps, 8);
 
-    bench.write(b, PMSC, 3, &[0xE0]);
-    bench.write(b, PMSC, 3, &[0xF0]);
+    bench.reset_receiver(b);
     assert!((stamped_flight_ticks(&mut bench, a, b) - expected).abs() <= 1.0);
 }
 
@@ -401,13 +421,13 @@ fn a_second_frame_waits_in_the_other_buffer() {
     }
     assert_eq!(bench.read(b, RX_BUFFER, 0, 12), b"first frame ");
     bench.clear_status(b);
-    bench.command(b, 1 << 24);
+    bench.command(b, HRBPT);
     assert_ne!(bench.status(b) & RXFCG, 0);
     assert_eq!(bench.read(b, RX_BUFFER, 0, 12), b"second frame");
 }
 
-#[test]
-fn a_third_frame_overruns_two_unread_buffers() {
+/// Three frames from a to b, one more than b's buffers hold.
+fn overrun() -> (Bench, ChipId) {
     let (mut bench, [a, b]) = Bench::ready([at(0.0), at(10.0)]);
     bench.write(b, SYS_CFG, 0, &(0x0200u32 | 1 << 29).to_le_bytes());
     bench.command(b, RXENAB);
@@ -419,4 +439,65 @@ fn a_third_frame_overruns_two_unread_buffers() {
         bench.wait_us(500);
     }
     assert_ne!(bench.status(b) & RXOVRR, 0);
+    (bench, b)
+}
+
+#[test]
+fn an_overrun_is_read_only_and_ends_when_the_host_releases_its_buffer() {
+    let (mut bench, b) = overrun();
+    bench.clear_status(b);
+    assert_ne!(bench.status(b) & RXOVRR, 0);
+    bench.command(b, HRBPT);
+    assert_eq!(bench.status(b) & RXOVRR, 0);
+}
+
+#[test]
+fn an_overrun_ends_with_a_receiver_reset() {
+    let (mut bench, b) = overrun();
+    bench.reset_receiver(b);
+    assert_eq!(bench.status(b) & RXOVRR, 0);
+}
+
+/// Asks for a reception at the time that it is, which is too late.
+fn listen_late(bench: &mut Bench, chip: ChipId) {
+    let when = bench.system_time(chip);
+    bench.write(chip, DX_TIME, 0, &when.to_le_bytes()[..5]);
+    bench.command(chip, RXENAB | RXDLYE);
+}
+
+#[test]
+fn hpdwarn_of_a_late_reception_ends_half_a_counter_period_before_it() {
+    let (mut bench, [b]) = Bench::ready([at(0.0)]);
+    listen_late(&mut bench, b);
+    bench.clear_status(b);
+    // Half a period is 8.604 s.
+    bench.wait_us(8_600_000);
+    assert_ne!(bench.status(b) & HPDWARN, 0);
+    bench.wait_us(10_000);
+    assert_eq!(bench.status(b) & HPDWARN, 0);
+}
+
+#[test]
+fn hpdwarn_of_a_late_reception_ends_with_whatever_cancels_it() {
+    for cancel in [
+        |bench: &mut Bench, b| bench.command(b, TRXOFF),
+        |bench: &mut Bench, b| bench.reset_receiver(b),
+    ] {
+        let (mut bench, [b]) = Bench::ready([at(0.0)]);
+        listen_late(&mut bench, b);
+        assert_ne!(bench.status(b) & HPDWARN, 0);
+        cancel(&mut bench, b);
+        assert_eq!(bench.status(b) & HPDWARN, 0);
+    }
+}
+
+#[test]
+fn a_late_reception_that_a_busy_radio_ignores_warns_of_nothing() {
+    let (mut bench, [b]) = Bench::ready([at(0.0)]);
+    bench.command(b, RXENAB);
+    bench.wait_us(50);
+    listen_late(&mut bench, b);
+    assert_eq!(bench.status(b) & HPDWARN, 0);
+    let stats = bench.world.chip_stats(b);
+    assert_eq!((stats.ignored_commands, stats.late_commands), (1, 0));
 }

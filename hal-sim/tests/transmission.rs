@@ -3,8 +3,10 @@
 mod bench;
 
 use bench::*;
+use nova_hal_sim::chip::{ChipConfig, ChipTiming};
 use nova_hal_sim::clock::COUNTER_WRAP;
-use nova_hal_sim::{ChannelConfig, ClockConfig};
+use nova_hal_sim::world::ChipId;
+use nova_hal_sim::{ChannelConfig, ClockConfig, SimDuration};
 
 const FRAME: &[u8] = b"\x41\x88\x00 twelve by";
 /// 128 + 8 symbols at PRF 16 MHz.
@@ -70,7 +72,7 @@ fn too_little_time_to_power_up_counts_and_costs_preamble_but_not_the_time() {
     bench.write(a, DX_TIME, 0, &when.to_le_bytes()[..5]);
     bench.command(a, TXSTRT | TXDLYS);
     bench.wait_us(1_000);
-    // The flag itself ends with the preamble's start, before anybody can read it.
+    // The flag itself has ended with the preamble's start.
     assert_eq!(bench.status(a) & (TXFRS | TXPUTE | HPDWARN), TXFRS);
     assert_eq!(bench.number(a, EVC, 0x18, 2), 0);
     assert_eq!(bench.number(a, EVC, 0x1A, 2), 1);
@@ -122,6 +124,81 @@ fn trxoff_ends_the_wait_of_a_late_frame() {
     bench.command(a, TXSTRT);
     bench.wait_us(1_000);
     assert_ne!(bench.status(a) & TXFRS, 0);
+}
+
+/// Asks for a frame at the time that it is, which is too late.
+fn send_late(bench: &mut Bench, chip: ChipId) {
+    bench.load_frame(chip, FRAME);
+    let when = bench.system_time(chip);
+    bench.write(chip, DX_TIME, 0, &when.to_le_bytes()[..5]);
+    bench.command(chip, TXSTRT | TXDLYS);
+}
+
+#[test]
+fn hpdwarn_cannot_be_cleared_by_writing_one() {
+    let (mut bench, [a]) = Bench::ready([at(0.0)]);
+    send_late(&mut bench, a);
+    bench.clear_status(a);
+    assert_eq!(bench.status(a) & (HPDWARN | CPLOCK), HPDWARN);
+    bench.command(a, TRXOFF);
+    assert_eq!(bench.status(a) & HPDWARN, 0);
+}
+
+#[test]
+fn hpdwarn_ends_when_a_late_frame_is_half_a_counter_period_away() {
+    let (mut bench, [a]) = Bench::ready([at(0.0)]);
+    send_late(&mut bench, a);
+    // Half a period is 8.604 s.
+    bench.wait_us(8_600_000);
+    assert_ne!(bench.status(a) & HPDWARN, 0);
+    bench.wait_us(10_000);
+    assert_eq!(bench.status(a) & (HPDWARN | TXFRS), 0);
+    bench.wait_us(8_600_000);
+    assert_eq!(bench.status(a) & (HPDWARN | TXFRS), TXFRS);
+}
+
+#[test]
+fn the_warning_of_an_abandoned_late_frame_does_not_end_that_of_the_next() {
+    let (mut bench, [a]) = Bench::ready([at(0.0)]);
+    send_late(&mut bench, a);
+    bench.wait_us(1_000_000);
+    bench.command(a, TRXOFF);
+    send_late(&mut bench, a);
+    bench.wait_us(8_000_000);
+    assert_ne!(bench.status(a) & HPDWARN, 0);
+}
+
+/// Asks for a frame 80 us before its preamble, with a transmitter that takes 200 us to power up.
+fn send_without_time_to_power_up() -> (Bench, ChipId) {
+    let timing = ChipTiming {
+        tx_start_up: SimDuration::from_us(200),
+        ..ChipTiming::default()
+    };
+    let (mut bench, [a]) = Bench::ready([ChipConfig { timing, ..at(0.0) }]);
+    bench.load_frame(a, FRAME);
+    // The transactions up to the command take 68 us.
+    let when = bench.system_time(a) + SHR_TICKS + 148 * TICKS_PER_US;
+    bench.write(a, DX_TIME, 0, &when.to_le_bytes()[..5]);
+    bench.command(a, TXSTRT | TXDLYS);
+    (bench, a)
+}
+
+#[test]
+fn txpute_is_read_only_and_ends_with_the_preambles_start() {
+    let (mut bench, a) = send_without_time_to_power_up();
+    bench.clear_status(a);
+    assert_eq!(bench.status(a) & (TXPUTE | HPDWARN | CPLOCK), TXPUTE);
+    bench.wait_us(160);
+    // On the air, not sent yet.
+    assert_eq!(bench.status(a) & (TXFRB | TXFRS | TXPUTE), TXFRB);
+}
+
+#[test]
+fn txpute_ends_with_trxoff() {
+    let (mut bench, a) = send_without_time_to_power_up();
+    assert_ne!(bench.status(a) & TXPUTE, 0);
+    bench.command(a, TRXOFF);
+    assert_eq!(bench.status(a) & (TXFRB | TXPUTE), 0);
 }
 
 #[test]

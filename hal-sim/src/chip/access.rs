@@ -6,6 +6,7 @@
 //! - Beyond the end of a register file zeros are read (the chip gives parts of 0xDEADDEAD, 7.2.1), writes vanish, and
 //!   both are counted.
 
+use crate::clock::{COUNTER_WRAP, Phase, wrap};
 use crate::time::SimTime;
 
 use super::bits::{file, status, sub, sys_ctrl};
@@ -180,12 +181,13 @@ impl Chip {
         let set = |bit| command & bit != 0;
         if set(sys_ctrl::HRBPT) {
             self.buffers.toggle_host();
+            self.end_status(status::RXOVRR);
         }
         if set(sys_ctrl::TRXOFF) {
             self.abort_transmission();
             self.receiver_off();
             // They end with what they warn of (7.2.17).
-            self.clear_status(status::HPDWARN | status::TXPUTE);
+            self.end_status(status::HPDWARN | status::TXPUTE);
             return;
         }
         if set(sys_ctrl::CANSFCS) {
@@ -208,7 +210,15 @@ impl Chip {
         self.registers.number(file::DX_TIME, 0, 5) & !0x1FF
     }
 
+    /// When the wait for `start` will be down to half a period of the counter; `None` if it already is.
+    pub(super) fn half_period_before(&self, now: SimTime, start: Phase) -> Option<SimTime> {
+        let half = COUNTER_WRAP / 2;
+        let ahead = wrap(start.ticks() - self.clock.phase_at(now).ticks());
+        (ahead > half).then(|| self.clock.time_of(start.plus_ticks(-i128::from(half))))
+    }
+
     /// Notes that a delayed operation was asked for after its time; it will then wait for the counter to come round.
+    /// HPDWARN stays until the wait is down to half a period or is given up (7.2.17).
     pub(super) fn warn_half_period(&mut self) {
         self.status.raise(status::HPDWARN);
         self.count(super::status::Counter::HalfPeriodWarning);

@@ -107,7 +107,6 @@ pub(crate) mod status {
     pub(crate) const RXFCE: u64 = 1 << 15;
     pub(crate) const RXRFSL: u64 = 1 << 16;
     pub(crate) const RXRFTO: u64 = 1 << 17;
-    pub(crate) const LDEERR: u64 = 1 << 18;
     pub(crate) const RXOVRR: u64 = 1 << 20;
     pub(crate) const RXPTO: u64 = 1 << 21;
     pub(crate) const SLP2INIT: u64 = 1 << 23;
@@ -118,8 +117,8 @@ pub(crate) mod status {
     pub(crate) const ICRBP: u64 = 1 << 31;
     pub(crate) const TXPUTE: u64 = 1 << 34;
 
-    /// Bits that writing 1 does not clear.
-    pub(crate) const READ_ONLY: u64 = IRQS | HSRBP | ICRBP;
+    /// Bits that writing 1 does not clear: they show a state and end with it.
+    pub(crate) const READ_ONLY: u64 = IRQS | RXOVRR | HPDWARN | HSRBP | ICRBP | TXPUTE;
 }
 
 /// PMSC_CTRL0 and PMSC_CTRL1, 7.2.50.

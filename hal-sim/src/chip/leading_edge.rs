@@ -96,12 +96,8 @@ impl Chip {
         let Some(job) = self.receiver.lde.job.take_if(|job| job.number == number) else {
             return;
         };
-        if !self.lde_enabled() {
-            return;
-        }
-        if !self.power.lde_loaded {
-            // Without microcode there is no time stamp (2.5.5.10); the registers keep what they held.
-            self.status.raise(status::LDEERR);
+        if !self.lde_enabled() || !self.power.lde_loaded {
+            // No time stamp and no event; the registers keep what they held.
             return;
         }
         let d = &job.diagnostics;

@@ -57,11 +57,18 @@ impl Chip {
             self.after_failure(now);
             return;
         }
+        self.buffers.chip_mut().status |= status::RXDFR;
+        if self.lde_hangs() {
+            // Neither RXFCG nor RXFCE is how the host finds out that the microcode is missing (7.2.17). Assumed: the
+            // receiver goes off and stays with its buffer.
+            self.receiver_off();
+            return;
+        }
         let body_len = bytes.len().saturating_sub(2);
         let (body, tail) = bytes.split_at(body_len);
         let good = tail == fcs(body);
         let bit = if good { status::RXFCG } else { status::RXFCE };
-        self.buffers.chip_mut().status |= status::RXDFR | bit;
+        self.buffers.chip_mut().status |= bit;
         if good {
             self.count(Counter::FcsGood);
             self.stats.frames_good += 1;

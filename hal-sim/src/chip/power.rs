@@ -151,6 +151,7 @@ impl Chip {
             0 => self.soft_reset(now),
             pmsc::SOFTRESET_RX => {
                 self.receiver_off();
+                self.end_status(status::RXOVRR);
                 self.receiver.held_in_reset = true;
                 self.receiver.stale = false;
             }
@@ -171,6 +172,11 @@ impl Chip {
     /// Whether the leading edge algorithm runs on receptions (PMSC_CTRL1 LDERUNE).
     pub(super) fn lde_enabled(&self) -> bool {
         self.registers.u32(file::PMSC, sub::PMSC_CTRL1) & pmsc::LDERUNE != 0
+    }
+
+    /// The leading edge algorithm is to run but has no code, so that no reception ever ends (2.5.5.10).
+    pub(super) fn lde_hangs(&self) -> bool {
+        self.lde_enabled() && !self.power.lde_loaded
     }
 
     /// Only slow SPI is safe: the chip runs from its crystal instead of the PLL.

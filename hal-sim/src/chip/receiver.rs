@@ -18,7 +18,6 @@
 
 use crate::air::{FrameId, FramesInFlight, Signal};
 use crate::airtime::preamble_symbol_ticks;
-use crate::clock::{COUNTER_WRAP, wrap};
 use crate::phy::DataRate;
 use crate::time::SimTime;
 
@@ -41,7 +40,6 @@ const ENDED_BY_NEXT_RECEPTION: u64 = status::RXPRD
     | status::RXPHE
     | status::RXRFSL
     | status::RXRFTO
-    | status::LDEERR
     | status::RXPTO
     | status::RXSFDTO
     | status::AFFREJ;
@@ -51,6 +49,8 @@ const ENDED_IN_SINGLE_BUFFER: u64 = status::LDEDONE | status::RXDFR | status::RX
 /// The first number is the hunt that asked for the call.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum RxEvent {
+    /// A start that was asked for too late is no longer more than half a period of the counter away.
+    HalfPeriodLeft,
     On,
     FrameWaitTimeout,
     PreambleTimeout(u32),
@@ -125,16 +125,17 @@ impl Receiver {
 // Commands.
 impl Chip {
     pub(super) fn enable_receiver(&mut self, now: SimTime, delayed: bool) {
-        let mut on = now + self.timing.rx_start_up;
-        if delayed {
-            let phase = self.clock.next_phase_of(now, self.dx_time());
-            let ahead = wrap(phase.ticks() - self.clock.phase_at(now).ticks());
-            if ahead > COUNTER_WRAP / 2 {
-                self.warn_half_period();
-            }
-            on = on.max(self.clock.time_of(phase));
+        let earliest = now + self.timing.rx_start_up;
+        if !delayed {
+            self.start_receiver_at(earliest);
+            return;
         }
-        self.start_receiver_at(on);
+        let phase = self.clock.next_phase_of(now, self.dx_time());
+        let started = self.start_receiver_at(earliest.max(self.clock.time_of(phase)));
+        if started && let Some(at) = self.half_period_before(now, phase) {
+            self.warn_half_period();
+            self.ask_rx(at, RxEvent::HalfPeriodLeft);
+        }
     }
 
     /// WAIT4RESP: the receiver follows a transmission after W4R_TIM (7.2.28).
@@ -145,22 +146,27 @@ impl Chip {
         self.start_receiver_at(on);
     }
 
-    fn start_receiver_at(&mut self, on: SimTime) {
+    /// Returns whether the receiver could take the command.
+    fn start_receiver_at(&mut self, on: SimTime) -> bool {
         let busy = self.receiver.is_on() || self.transmitter.activity() != TxActivity::Idle;
         if busy || self.receiver.held_in_reset || self.power.state != PowerState::Idle {
             self.stats.ignored_commands += 1;
-            return;
+            return false;
         }
-        self.clear_status(ENDED_BY_NEXT_RECEPTION);
+        self.end_status(ENDED_BY_NEXT_RECEPTION);
         if self.registers.sys_cfg() & sys_cfg::DIS_DRXB != 0 {
-            self.clear_status(ENDED_IN_SINGLE_BUFFER);
+            self.end_status(ENDED_IN_SINGLE_BUFFER);
         }
         self.receiver.session += 1;
         self.receiver.state = State::Starting;
         self.ask_rx(on, RxEvent::On);
+        true
     }
 
     pub(super) fn receiver_off(&mut self) {
+        if self.receiver.is_waiting() {
+            self.end_status(status::HPDWARN);
+        }
         self.receiver.session += 1;
         self.receiver.state = State::Off;
     }
@@ -189,6 +195,7 @@ impl Chip {
         }
         let current = |hunt| hunt == self.receiver.hunt;
         match event {
+            RxEvent::HalfPeriodLeft => self.end_status(status::HPDWARN),
             RxEvent::On => self.on_receiver_on(now),
             RxEvent::FrameWaitTimeout => self.time_out(status::RXRFTO, Counter::FrameWaitTimeout),
             RxEvent::PreambleTimeout(hunt) if current(hunt) => {

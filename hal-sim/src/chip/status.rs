@@ -66,11 +66,15 @@ impl Chip {
         (self.sys_status() & status::IRQS != 0) == active_high
     }
 
-    /// Writing 1 clears.
+    /// The host writes SYS_STATUS: ones clear, except the read-only bits.
     pub(super) fn clear_status(&mut self, ones: u64) {
-        let ones = ones & !status::READ_ONLY;
-        self.status.bits &= !ones;
-        self.buffers.host_mut().status &= !ones;
+        self.end_status(ones & !status::READ_ONLY);
+    }
+
+    /// The chip itself takes bits back, read-only ones too.
+    pub(super) fn end_status(&mut self, bits: u64) {
+        self.status.bits &= !bits;
+        self.buffers.host_mut().status &= !bits;
     }
 
     pub(super) fn count(&mut self, counter: Counter) {

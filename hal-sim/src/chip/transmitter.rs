@@ -14,7 +14,7 @@
 
 use crate::air::OutgoingFrame;
 use crate::airtime::Airtime;
-use crate::clock::{COUNTER_WRAP, Phase, wrap};
+use crate::clock::{Phase, wrap};
 use crate::time::{SimTime, TICKS_PER_S};
 
 use super::bits::{file, status, sys_cfg};
@@ -27,12 +27,8 @@ use super::{Chip, ChipEvent, Request, tx_power};
 const GRID_TICKS: i128 = 512;
 const FCS_LEN: usize = 2;
 /// What the chip clears by itself when its transmitter starts (7.2.17).
-const ENDED_BY_NEXT_FRAME: u64 = status::TXFRB
-    | status::TXPRS
-    | status::TXPHS
-    | status::TXFRS
-    | status::HPDWARN
-    | status::TXPUTE;
+const ENDED_BY_NEXT_FRAME: u64 =
+    status::TXFRB | status::TXPRS | status::TXPHS | status::TXFRS | status::TXPUTE;
 const FCS: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_KERMIT);
 
 /// The IEEE 802.15.4 frame check sequence of `bytes`.
@@ -55,6 +51,8 @@ pub(super) enum TxActivity {
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum TxEvent {
+    /// A frame that was asked for too late is no longer more than half a period of the counter away.
+    HalfPeriodLeft,
     Begin,
     PreambleSent,
     PhrSent,
@@ -119,6 +117,7 @@ impl Chip {
             self.stats.ignored_commands += 1;
             return;
         };
+        self.transmitter.epoch += 1;
         let airtime = Airtime::of(&settings.phy, usize::from(settings.length));
         let shr = i128::from(airtime.shr_ticks());
         let ready = self.clock.phase_at(now + self.timing.tx_start_up);
@@ -129,7 +128,6 @@ impl Chip {
             }
             DelayedTx::AtDxTime => self.delayed_rmarker(now, ready, shr),
         };
-        self.transmitter.epoch += 1;
         self.transmitter.state = State::Armed(Plan {
             settings,
             airtime,
@@ -150,9 +148,9 @@ impl Chip {
     fn delayed_rmarker(&mut self, now: SimTime, ready: Phase, shr: i128) -> Phase {
         let start = wrap(i128::from(self.dx_time()) - shr);
         let start = self.clock.next_phase_of(now, start);
-        let ahead = wrap(start.ticks() - self.clock.phase_at(now).ticks());
-        if ahead > COUNTER_WRAP / 2 {
+        if let Some(at) = self.half_period_before(now, start) {
             self.warn_half_period();
+            self.ask_tx(at, TxEvent::HalfPeriodLeft);
         } else if start < ready {
             self.status.raise(status::TXPUTE);
             self.count(Counter::PowerUpWarning);
@@ -179,6 +177,10 @@ impl Chip {
         }
         match (event, std::mem::take(&mut self.transmitter.state)) {
             (TxEvent::Begin, State::Armed(plan)) => self.begin_frame(now, plan),
+            (TxEvent::HalfPeriodLeft, state) => {
+                self.transmitter.state = state;
+                self.end_status(status::HPDWARN);
+            }
             (TxEvent::PreambleSent, state) => {
                 self.transmitter.state = state;
                 self.status.raise(status::TXPRS);
@@ -240,7 +242,7 @@ impl Chip {
             long_phr: settings.long_phr,
             clock_ppm: self.clock.ppm_at(rmarker),
         };
-        self.clear_status(ENDED_BY_NEXT_FRAME);
+        self.end_status(ENDED_BY_NEXT_FRAME);
         self.status.raise(status::TXFRB);
         self.stats.frames_begun += 1;
         self.outbox.push(Request::StartFrame(frame));

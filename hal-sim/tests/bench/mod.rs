@@ -30,8 +30,11 @@ pub const CANSFCS: u32 = 1 << 3;
 pub const TRXOFF: u32 = 1 << 6;
 pub const WAIT4RESP: u32 = 1 << 7;
 pub const RXENAB: u32 = 1 << 8;
+pub const RXDLYE: u32 = 1 << 9;
+pub const HRBPT: u32 = 1 << 24;
 
 pub const CPLOCK: u64 = 1 << 1;
+pub const TXFRB: u64 = 1 << 4;
 pub const TXFRS: u64 = 1 << 7;
 pub const RXPRD: u64 = 1 << 8;
 pub const RXSFDD: u64 = 1 << 9;
@@ -147,6 +150,12 @@ impl Bench {
 
     pub fn clear_status(&mut self, chip: ChipId) {
         self.write(chip, SYS_STATUS, 0, &[0xFF; 5]);
+    }
+
+    /// Resets the receiver alone (SOFTRESET in PMSC_CTRL0).
+    pub fn reset_receiver(&mut self, chip: ChipId) {
+        self.write(chip, PMSC, 3, &[0xE0]);
+        self.write(chip, PMSC, 3, &[0xF0]);
     }
 
     pub fn system_time(&mut self, chip: ChipId) -> u64 {
