@@ -158,7 +158,43 @@ impl Scenario {
     /// # Errors
     /// Says what is wrong and on which line.
     pub fn parse(toml: &str) -> Result<Self, String> {
-        toml::from_str(toml).map_err(|error| error.to_string())
+        let scenario: Self = toml::from_str(toml).map_err(|error| error.to_string())?;
+        scenario.check_sense()?;
+        Ok(scenario)
+    }
+
+    /// Refuses what would make a scenario pass without testing anything.
+    fn check_sense(&self) -> Result<(), String> {
+        if !(self.duration_s > 0.0 && self.duration_s.is_finite()) {
+            return Err(format!("duration_s = {} is not a time", self.duration_s));
+        }
+        if !(0.0..=1.0).contains(&self.loss_probability) {
+            return Err(format!(
+                "loss_probability = {} is not between 0 and 1",
+                self.loss_probability
+            ));
+        }
+        for (index, board) in self.board.iter().enumerate() {
+            if self.index(&board.name)? != index {
+                return Err(format!("two boards are called {}", board.name));
+            }
+            if !(board.rx_noise_ps >= 0.0 && board.rx_noise_ps.is_finite()) {
+                return Err(format!(
+                    "rx_noise_ps = {} of {}",
+                    board.rx_noise_ps, board.name
+                ));
+            }
+        }
+        for fault in &self.fault {
+            let [first, end] = fault.frames;
+            if first >= end {
+                return Err(format!("frames = [{first}, {end}] are no frames"));
+            }
+        }
+        if self.expect.is_empty() {
+            return Err("nothing is expected".to_owned());
+        }
+        Ok(())
     }
 
     /// Plays it through.

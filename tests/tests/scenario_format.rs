@@ -67,6 +67,40 @@ fn a_word_that_no_scenario_knows_is_an_error_with_its_line() {
 }
 
 #[test]
+fn a_scenario_that_tests_nothing_is_refused() {
+    let refused = |from: &str, to: &str| {
+        let toml = format!("{PAIR}ranges = [0, 99]\n").replace(from, to);
+        Scenario::parse(&toml).unwrap_err()
+    };
+    for (from, to, mention) in [
+        ("duration_s = 0.5", "duration_s = -1.0", "not a time"),
+        (
+            "seed = 1",
+            "seed = 1\nloss_probability = 1.5",
+            "between 0 and 1",
+        ),
+        (
+            "name = \"tag\"",
+            "name = \"anchor\"",
+            "two boards are called anchor",
+        ),
+        (
+            "role = \"tag\"",
+            "role = \"tag\"\nrx_noise_ps = -1.0",
+            "rx_noise_ps",
+        ),
+        (
+            "[[expect]]",
+            "[[fault]]\nfrom = \"tag\"\nframes = [30, 20]\naction = \"drop\"\n[[expect]]",
+            "no frames",
+        ),
+    ] {
+        let error = refused(from, to);
+        assert!(error.contains(mention), "no '{mention}' in: {error}");
+    }
+}
+
+#[test]
 fn a_board_that_is_not_there_is_named() {
     let unmet = Scenario::parse(&PAIR.replace("to = \"tag\"", "to = \"tog\"\nranges = [0, 99]"))
         .unwrap()

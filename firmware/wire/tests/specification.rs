@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use nova_wire::{
-    Boot, Decoder, Encoder, Event, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record, ResetCause,
-    Role,
+    Boot, Counters, Decoder, Encoder, Event, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record,
+    ResetCause, Role, Status,
 };
 
 const PAGE: &str = include_str!("../../../docs/wire-format.md");
@@ -27,7 +27,7 @@ fn blocks(kind: &str) -> Vec<Vec<u8>> {
         .collect()
 }
 
-fn records() -> [Record; 2] {
+fn records() -> [Record; 3] {
     [
         Record::Boot(Boot {
             address: 0x0A1B,
@@ -49,13 +49,36 @@ fn records() -> [Record; 2] {
                 flags: RangeFlags::INITIATOR,
             },
         }),
+        Record::Status(Status {
+            t_us: 10_000_000,
+            address: 0x0A1B,
+            counters: Counters {
+                ranges: 1000,
+                no_response: 3,
+                unanswered_searches: 16,
+                no_final: 0,
+                no_report: 2,
+                superseded: 0,
+                send_too_late: 1,
+                send_time_mismatch: 0,
+                bad_stamps: 0,
+                unexpected_events: 0,
+                cut_off: 4,
+                damaged_frames: 5,
+                foreign_frames: 6,
+                others_frames: 7,
+                radio_resets: 8,
+                bus_errors: 9,
+                records_dropped: 300,
+            },
+        }),
     ]
 }
 
 #[test]
 fn the_specified_frames_are_what_the_encoder_makes_and_the_decoder_reads() {
     let frames = blocks("frame");
-    assert_eq!(frames.len(), 2);
+    assert_eq!(frames.len(), 3);
     let mut encoder = Encoder::new();
     let mut decoder = Decoder::new();
     for (frame, record) in frames.iter().zip(records()) {
@@ -72,7 +95,7 @@ fn the_specified_contents_are_those_of_the_frames() {
         .into_iter()
         .filter(|bytes| bytes.first() == Some(&1))
         .collect();
-    assert_eq!(contents.len(), 2);
+    assert_eq!(contents.len(), 3);
     for (frame, content) in blocks("frame").iter().zip(contents) {
         let mut stuffed = frame[1..frame.len() - 1].to_vec();
         let len = cobs::decode_in_place(&mut stuffed).unwrap();

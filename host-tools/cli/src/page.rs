@@ -60,7 +60,7 @@ impl Page {
             escape(&self.title),
             self.body
         );
-        write_whole(path, &html)
+        write_whole(path, html)
     }
 }
 

@@ -15,6 +15,7 @@ impl FromStr for ColumnNames {
 
     fn from_str(text: &str) -> Result<Self, String> {
         text.split(',')
+            .filter(|pair| !pair.is_empty())
             .map(|pair| match pair.split_once('=') {
                 Some((wanted, given)) if !wanted.is_empty() && !given.is_empty() => {
                     Ok((wanted.trim().to_owned(), given.trim().to_owned()))
@@ -37,19 +38,14 @@ pub(crate) struct Table {
     path: PathBuf,
     names: ColumnNames,
     headers: csv::StringRecord,
-    reader: csv::Reader<std::fs::File>,
+    content: Vec<u8>,
 }
 
 /// One line of a [`Table`].
 pub(crate) struct Row<'a> {
-    pub(crate) line: u64,
-    table: &'a Location<'a>,
+    pub(crate) line: usize,
+    table: &'a Table,
     fields: csv::StringRecord,
-}
-
-struct Location<'a> {
-    path: &'a Path,
-    names: &'a ColumnNames,
 }
 
 /// A column that a [`Table`] has.
@@ -59,103 +55,172 @@ pub(crate) struct Column<'a> {
     index: usize,
 }
 
+const COMMENT: u8 = b'#';
+
 impl Table {
-    /// Opens a file and reads its header.
-    pub(crate) fn open(path: &Path, names: &ColumnNames) -> Result<Self> {
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .comment(Some(b'#'))
-            .from_path(path)
-            .map_err(|error| bad_input!("{}: cannot be read: {error}", path.display()))?;
-        let headers = reader
+    /// Reads a file and its header. `names` may rename the columns in `known`.
+    pub(crate) fn open(path: &Path, names: &ColumnNames, known: &[&str]) -> Result<Self> {
+        let shown_path = path.display();
+        if let Some(stranger) = names.0.keys().find(|name| !known.contains(&name.as_str())) {
+            return Err(bad_input!(
+                "--columns {}=...: no column is called that here (but {})",
+                shown(stranger),
+                known.join(", ")
+            ));
+        }
+        let content = std::fs::read(path)
+            .map_err(|error| bad_input!("{shown_path}: cannot be read: {error}"))?;
+        if let Err(error) = std::str::from_utf8(&content) {
+            let sound = content.get(..error.valid_up_to()).unwrap_or_default();
+            let line = 1 + sound.iter().filter(|&&b| b == b'\n').count();
+            return Err(bad_input!(
+                "{shown_path}: line {line}: not text (invalid UTF-8)"
+            ));
+        }
+        let headers = reader(&content)
             .headers()
-            .map_err(|error| bad_input!("{}: cannot be read: {error}", path.display()))?
+            .map_err(|error| bad_input!("{shown_path}: line 1: {}", shown(&error.to_string())))?
             .clone();
         if headers.is_empty() {
             return Err(bad_input!(
-                "{}: the file is empty; the first line must name the columns",
-                path.display()
+                "{shown_path}: the file is empty; the first line must name the columns"
+            ));
+        }
+        if let Some(separator) = [";", "\t"]
+            .iter()
+            .find(|&&s| headers.len() == 1 && headers.iter().any(|h| h.contains(s)))
+        {
+            return Err(bad_input!(
+                "{shown_path}: line 1: the columns are separated by {separator:?}; only commas are read"
             ));
         }
         Ok(Self {
             path: path.to_owned(),
             names: names.clone(),
             headers,
-            reader,
+            content,
         })
     }
 
     /// The column called `wanted`, or what that is called here, if there is one.
-    pub(crate) fn find<'a>(&self, wanted: &'a str) -> Option<Column<'a>> {
+    pub(crate) fn find<'a>(&self, wanted: &'a str) -> Result<Option<Column<'a>>> {
         let name = self.names.in_file(wanted);
-        let index = self.headers.iter().position(|header| header == name)?;
-        Some(Column {
+        let mut places = (0..).zip(&self.headers).filter(|(_, h)| *h == name);
+        let first = places.next();
+        if places.next().is_some() {
+            return Err(bad_input!(
+                "{}: line 1: there are two columns '{}'",
+                self.path.display(),
+                shown(name)
+            ));
+        }
+        Ok(first.map(|(index, _)| Column {
             name: wanted,
             index,
-        })
+        }))
     }
 
     /// The column called `wanted`.
     pub(crate) fn require<'a>(&self, wanted: &'a str) -> Result<Column<'a>> {
-        self.find(wanted).ok_or_else(|| {
-            let name = self.names.in_file(wanted);
+        self.find(wanted)?.ok_or_else(|| {
             let present = self.headers.iter().collect::<Vec<_>>().join(", ");
             bad_input!(
-                "{}: line 1: there is no column '{name}' (found: {present}); \
+                "{}: line 1: there is no column '{}' (found: {}); \
                  --columns {wanted}=NAME tells what it is called here",
-                self.path.display()
+                self.path.display(),
+                shown(self.names.in_file(wanted)),
+                shown(&present)
             )
         })
     }
 
     /// Hands each line to `take`; stops at the first error.
-    pub(crate) fn for_each(mut self, mut take: impl FnMut(&Row<'_>) -> Result<()>) -> Result<u64> {
-        let location = Location {
-            path: &self.path,
-            names: &self.names,
-        };
+    pub(crate) fn for_each(&self, mut take: impl FnMut(&Row<'_>) -> Result<()>) -> Result<u64> {
+        let path = self.path.display();
         let mut rows = 0;
-        for fields in self.reader.records() {
-            let fields = fields.map_err(|error| match error.position() {
-                Some(at) => bad_input!(
-                    "{}: line {}: {}",
-                    self.path.display(),
-                    at.line(),
-                    reason(&error)
-                ),
-                None => bad_input!("{}: {error}", self.path.display()),
-            })?;
+        for fields in reader(&self.content).records() {
+            // Lines of any length are taken, and the file is text: nothing is
+            // left that can be wrong with a record.
+            let fields =
+                fields.map_err(|error| bad_input!("{path}: {}", shown(&error.to_string())))?;
             rows += 1;
+            let start = fields.position().map_or(0, csv::Position::byte);
             take(&Row {
-                line: fields.position().map_or(0, csv::Position::line),
-                table: &location,
+                line: line_at(&self.content, start),
+                table: self,
                 fields,
             })?;
         }
         if rows == 0 {
-            return Err(bad_input!(
-                "{}: there are no lines after the header",
-                self.path.display()
-            ));
+            return Err(bad_input!("{path}: there are no lines after the header"));
         }
         Ok(rows)
     }
 }
 
-fn reason(error: &csv::Error) -> String {
-    match error.kind() {
-        csv::ErrorKind::UnequalLengths {
-            expected_len, len, ..
-        } => format!("{len} fields instead of {expected_len}"),
-        csv::ErrorKind::Utf8 { .. } => "not text (invalid UTF-8)".to_owned(),
-        _ => error.to_string(),
+fn reader(content: &[u8]) -> csv::Reader<&[u8]> {
+    csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .comment(Some(COMMENT))
+        .flexible(true)
+        .from_reader(content)
+}
+
+/// The line of the record that a reader at byte `start` finds next: the reader
+/// has yet to pass over line ends, empty lines and comments.
+fn line_at(content: &[u8], start: u64) -> usize {
+    let start = usize::try_from(start)
+        .unwrap_or(content.len())
+        .min(content.len());
+    let (before, mut rest) = content.split_at(start);
+    let mut line = 1 + before.iter().filter(|&&b| b == b'\n').count();
+    loop {
+        match rest {
+            [b'\r', tail @ ..] => rest = tail,
+            [b'\n', tail @ ..] => {
+                line += 1;
+                rest = tail;
+            }
+            [COMMENT, ..] => {
+                let end = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
+                rest = rest.get(end..).unwrap_or_default();
+            }
+            _ => return line,
+        }
     }
+}
+
+/// Text from a file, fit for a terminal: short, and without control characters.
+fn shown(text: &str) -> String {
+    const MOST: usize = 200;
+    let mut short: String = text
+        .chars()
+        .take(MOST)
+        .flat_map(char::escape_debug)
+        .collect();
+    if text.chars().nth(MOST).is_some() {
+        short.push('…');
+    }
+    short
 }
 
 impl Row<'_> {
     /// The text of a field.
     pub(crate) fn text(&self, column: Column<'_>) -> &str {
         self.fields.get(column.index).unwrap_or_default()
+    }
+
+    /// Checks that the line has as many fields as the header.
+    pub(crate) fn check_length(&self) -> Result<()> {
+        let (found, wanted) = (self.fields.len(), self.table.headers.len());
+        if found == wanted {
+            return Ok(());
+        }
+        Err(bad_input!(
+            "{}: line {}: {found} fields instead of {wanted}",
+            self.table.path.display(),
+            self.line
+        ))
     }
 
     /// A finite number.
@@ -165,7 +230,7 @@ impl Row<'_> {
             Ok(value) if value.is_finite() => Ok(value),
             Ok(_) => Err(self.complain(column, &format!("is {text}, not a finite number"))),
             Err(_) if text.is_empty() => Err(self.complain(column, "is empty")),
-            Err(_) => Err(self.complain(column, &format!("is '{text}', not a number"))),
+            Err(_) => Err(self.complain(column, &format!("is '{}', not a number", shown(text)))),
         }
     }
 
@@ -177,5 +242,33 @@ impl Row<'_> {
             self.line,
             self.table.names.in_file(column.name)
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_counted_as_an_editor_counts_them() {
+        for (content, lines) in [
+            ("a,b\n1,2\n3,4\n", vec![2, 3]),
+            ("a,b\r\n1,2\r\n3,4", vec![2, 3]),
+            ("a,b\n\n1,2\n# note\n\n3,4\n", vec![3, 6]),
+            ("a,b\r\n\r\n# note\r\n1,2\r\n", vec![4]),
+            ("# first\na,b\n1,2\n", vec![3]),
+        ] {
+            let found: Vec<usize> = reader(content.as_bytes())
+                .records()
+                .map(|r| line_at(content.as_bytes(), r.unwrap().position().unwrap().byte()))
+                .collect();
+            assert_eq!(found, lines, "{content:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_shown_of_a_file_is_short_and_harmless() {
+        assert_eq!(shown("a\u{1b}[31m\0"), "a\\u{1b}[31m\\0");
+        assert!(shown(&"x".repeat(100_000)).chars().count() <= 201);
     }
 }

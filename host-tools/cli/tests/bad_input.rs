@@ -87,6 +87,31 @@ fn a_line_of_another_length_is_named() {
 }
 
 #[test]
+fn lines_are_counted_as_an_editor_counts_them() {
+    let dos = format!("{HEADER}0,1,0,0,0,1\n0,1,0,0,0,far\n").replace('\n', "\r\n");
+    solve_complains(&dos, &["input: line 3: range_m is 'far'"]);
+    let noted = format!("{HEADER}\n# a note\n0,1,0,0,0,1\n\n0,1,0,0,0,far\n");
+    solve_complains(&noted, &["input: line 6: range_m is 'far'"]);
+}
+
+#[test]
+fn columns_that_cannot_be_meant_are_refused() {
+    solve_complains(
+        "t_s,peer,x_m,y_m,z_m,range_m,range_m\n0,1,0,0,0,1,2\n",
+        &["input: line 1: there are two columns 'range_m'"],
+    );
+    solve_complains(
+        "t_s;peer;x_m;y_m;z_m;range_m\n0;1;0;0;0;1\n",
+        &["input: line 1", "separated by \";\"; only commas"],
+    );
+    complains(
+        HEADER.as_bytes(),
+        &["solve", "input", "--columns", "sigma=std"],
+        &["--columns sigma=", "sigma_m"],
+    );
+}
+
+#[test]
 fn bytes_that_are_no_text_are_refused() {
     let mut lines = HEADER.as_bytes().to_vec();
     lines.extend(b"0,\xFF\xFE,0,0,0,1\n");
@@ -97,6 +122,28 @@ fn bytes_that_are_no_text_are_refused() {
 fn too_few_points_are_refused_with_the_nodes_name() {
     let lines = format!("{HEADER}0,kitchen,0,0,0,1\n1,kitchen,1,0,0,1\n");
     solve_complains(&lines, &["input: node kitchen has 2 ranges", "4 or more"]);
+}
+
+#[test]
+fn a_node_with_too_few_ranges_is_skipped_where_asked_for() {
+    let mut lines = format!("{HEADER}0,lonely,0,0,0,1\n0,7,1\n");
+    for k in 0..40 {
+        let a = 0.3 * f64::from(k);
+        let (x, y, z) = (5.0 * a.cos(), 5.0 * a.sin(), 1.0 + 0.1 * f64::from(k));
+        let range = (x * x + y * y + z * z).sqrt();
+        lines += &format!("{k},home,{x},{y},{z},{range}\n");
+    }
+    let nova = Nova::new();
+    nova.file("input", lines);
+    let said = nova.run(&["solve", "input", "--json", "--skip-bad"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    assert_eq!(said.json().len(), 1);
+    assert!(said.err.contains("1 of 42 lines skipped"), "{}", said.err);
+    assert!(
+        said.err.contains("node lonely has 1 range,"),
+        "{}",
+        said.err
+    );
 }
 
 #[test]
@@ -179,4 +226,10 @@ fn a_page_that_cannot_be_written_is_named_and_nothing_is_left() {
         said.err
     );
     assert!(nova.files().is_empty());
+
+    // Neither is a folder replaced, nor anything left beside it.
+    nova.file("keep", "");
+    let said = nova.run(&["demo", "--out", "."]);
+    assert_eq!(said.code, 1);
+    assert_eq!(nova.files(), ["keep"]);
 }

@@ -6,6 +6,7 @@ use nova_wire::{Decoder, Event, Record, Statistics, Trouble};
 use serde::Serialize;
 use std::io::{BufWriter, Read, Write};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Prints a captured byte stream from a board as JSON lines.
 ///
@@ -16,7 +17,7 @@ use std::path::PathBuf;
 ///
 /// A capture file that ends inside a frame was cut off: that is an error and
 /// nothing is printed, unless --truncated is given. Standard input is decoded
-/// as it comes.
+/// as it comes; Ctrl-C ends it with the counts.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   nova decode capture.bin
@@ -47,6 +48,21 @@ enum Line<'a> {
     },
 }
 
+/// Set by Ctrl-C: the stream ends here, and its counts are due.
+static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+/// Lets Ctrl-C end a live stream after the bytes that come next, with its
+/// counts. A second one ends the program at once.
+fn stop_on_interrupt() -> Result<()> {
+    const INTERRUPT_STATUS: i32 = 130;
+    ctrlc::set_handler(|| {
+        if INTERRUPTED.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPT_STATUS);
+        }
+    })
+    .context("Ctrl-C cannot be caught")
+}
+
 fn is_zero(lost: &u16) -> bool {
     *lost == 0
 }
@@ -55,6 +71,7 @@ impl Decode {
     pub(crate) fn run(self) -> Result<()> {
         let mut stdout = std::io::stdout().lock();
         if self.file.as_os_str() == "-" {
+            stop_on_interrupt()?;
             let out = BufWriter::new(stdout);
             return self.decode(std::io::stdin().lock(), out, "standard input");
         }
@@ -99,6 +116,9 @@ impl Decode {
             }
             // Whoever watches a live stream sees what has come.
             out.flush()?;
+            if INTERRUPTED.load(Ordering::Relaxed) {
+                break None;
+            }
         };
         if let Some(event) = &cut_off {
             print(&mut out, &line(event))?;

@@ -1,8 +1,7 @@
 //! `nova solve`: positions of unknown nodes from ranges taken at known places.
 
-use super::twr::OptionalNames;
 use crate::error::bad_input;
-use crate::table::{Column, Row, Table};
+use crate::table::{Column, ColumnNames, Row, Table};
 use anyhow::Result;
 use nova_solver::multilateration::{Height, Noise, RangeBias};
 use nova_solver::{
@@ -71,13 +70,17 @@ pub(crate) struct Solve {
     #[arg(long)]
     trust_sigma: bool,
     /// Pass over lines that cannot be used (a field missing, not a number, a
-    /// negative range) instead of stopping at the first; says how many.
+    /// negative range) and nodes with too few ranges, instead of stopping at the
+    /// first; says how many, and which.
     #[arg(long)]
     skip_bad: bool,
     /// What columns are called in the file, where it differs.
-    #[arg(long, value_name = "WANTED=GIVEN,...", default_value = "")]
-    columns: OptionalNames,
+    #[arg(long, value_name = "WANTED=GIVEN,...")]
+    columns: Option<ColumnNames>,
 }
+
+/// The columns that a file has, or may have.
+const COLUMNS: [&str; 7] = ["t_s", "peer", "x_m", "y_m", "z_m", "range_m", "sigma_m"];
 
 /// The columns of the file.
 struct Columns<'a> {
@@ -125,10 +128,20 @@ impl Solve {
     pub(crate) fn run(self) -> Result<()> {
         let options = self.options()?;
         let mut solved = Vec::new();
+        let mut unsolved = Vec::new();
         for (peer, measurements) in self.read()? {
-            let found = multilaterate(&measurements, &options)
-                .map_err(|error| self.explain(&peer, &error))?;
-            solved.push((peer, found));
+            match multilaterate(&measurements, &options) {
+                Ok(found) => solved.push((peer, found)),
+                Err(error) if self.skip_bad => unsolved.push(self.explain(&peer, &error)),
+                Err(error) => return Err(self.explain(&peer, &error)),
+            }
+        }
+        match unsolved.pop() {
+            Some(last) if solved.is_empty() => return Err(last),
+            last => unsolved.extend(last),
+        }
+        for reason in &unsolved {
+            eprintln!("skipped: {reason}");
         }
         let mut out = BufWriter::new(std::io::stdout().lock());
         if self.json {
@@ -182,7 +195,8 @@ impl Solve {
     }
 
     fn read(&self) -> Result<BTreeMap<Peer, Vec<RangeMeasurement>>> {
-        let table = Table::open(&self.file, &self.columns.0)?;
+        let names = self.columns.clone().unwrap_or_default();
+        let table = Table::open(&self.file, &names, &COLUMNS)?;
         let columns = Columns {
             time: table.require("t_s")?,
             peer: table.require("peer")?,
@@ -192,7 +206,7 @@ impl Solve {
                 table.require("z_m")?,
             ],
             range: table.require("range_m")?,
-            sigma: table.find("sigma_m"),
+            sigma: table.find("sigma_m")?,
         };
         let mut peers: BTreeMap<Peer, Vec<RangeMeasurement>> = BTreeMap::new();
         let mut skipped: u64 = 0;
@@ -221,6 +235,7 @@ impl Solve {
         row: &Row<'_>,
         columns: &Columns<'_>,
     ) -> Result<(Peer, RangeMeasurement)> {
+        row.check_length()?;
         let name = row.text(columns.peer);
         if name.is_empty() {
             return Err(row.complain(columns.peer, "is empty"));
@@ -258,8 +273,9 @@ impl Solve {
         let file = self.file.display();
         match error {
             SolveError::TooFewMeasurements { got, unknowns } => bad_input!(
-                "{file}: node {peer} has {got} ranges, fewer than the {unknowns} unknowns; \
+                "{file}: node {peer} has {got} range{}, fewer than the {unknowns} unknowns; \
                  {} or more from places apart are needed",
+                if *got == 1 { "" } else { "s" },
                 unknowns + 1
             ),
             other => bad_input!("{file}: node {peer}: {other}"),
@@ -345,7 +361,7 @@ fn warning(found: &Localisation) -> Option<String> {
         Observability::Unique => None,
         Observability::Mirror => found.alternative.as_ref().map(|other| {
             format!(
-                "may as well be at ({:.3}, {:.3}, {:.3}), probability {:.0} %: the path is too flat or too straight to tell",
+                "may as well be at ({:.3}, {:.3}, {:.3}), probability {:.1} %: the ranges cannot tell for certain",
                 other.position_m.x,
                 other.position_m.y,
                 other.position_m.z,
@@ -353,10 +369,10 @@ fn warning(found: &Localisation) -> Option<String> {
             )
         }),
         Observability::Ring { radius_m, .. } => Some(format!(
-            "not observable: anywhere on a ring of radius {radius_m:.2} m about the path, which is straight"
+            "not observable: anywhere on a ring of radius {radius_m:.2} m, since the path is too straight for its length"
         )),
         Observability::Sphere { radius_m, .. } => Some(format!(
-            "not observable: anywhere {radius_m:.2} m around the one place that ranges come from"
+            "not observable: anywhere {radius_m:.2} m away, since the ranges come from places too close together"
         )),
         Observability::Weak { sigma_m, .. } => Some(format!(
             "weakly observable: the sigma along one direction is {sigma_m:.2} m"

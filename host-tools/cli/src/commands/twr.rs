@@ -35,26 +35,16 @@ pub(crate) struct Twr {
     ///
     /// Air is the default: it is what the waves travel through. The vacuum
     /// value reads 0.03 % long, 3 cm at 100 m.
-    #[arg(long, value_name = "SPEED", default_value = "air")]
+    #[arg(
+        long,
+        value_name = "SPEED",
+        default_value = "air",
+        allow_hyphen_values = true
+    )]
     speed_of_light: Speed,
     /// What columns are called in the file, where it differs.
-    #[arg(long, value_name = "WANTED=GIVEN,...", default_value = "")]
-    columns: OptionalNames,
-}
-
-/// A [`ColumnNames`] that may be empty.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct OptionalNames(pub(crate) ColumnNames);
-
-impl FromStr for OptionalNames {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        if text.is_empty() {
-            return Ok(Self::default());
-        }
-        text.parse().map(Self)
-    }
+    #[arg(long, value_name = "WANTED=GIVEN,...")]
+    columns: Option<ColumnNames>,
 }
 
 /// A speed in m/s.
@@ -81,7 +71,7 @@ impl FromStr for Speed {
 /// One line's result.
 #[derive(Serialize)]
 struct Line {
-    line: u64,
+    line: usize,
     range_m: Option<f64>,
     clock_offset_ppm: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -90,7 +80,8 @@ struct Line {
 
 impl Twr {
     pub(crate) fn run(self) -> Result<()> {
-        let table = Table::open(&self.file, &self.columns.0)?;
+        let names = self.columns.clone().unwrap_or_default();
+        let table = Table::open(&self.file, &names, &STAMP_COLUMNS)?;
         let columns = STAMP_COLUMNS
             .iter()
             .map(|name| table.require(name))

@@ -1,6 +1,7 @@
 //! What the tests of the command share.
 #![allow(dead_code, clippy::unwrap_used)]
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
@@ -77,7 +78,12 @@ pub(crate) fn recorded(file: &str) -> Option<PathBuf> {
     );
     let path = folder.join(file);
     if !path.exists() {
-        eprintln!("skipped: no recording at {}", path.display());
+        // Past the capture of the test runner: a skip is to be seen.
+        let _ = writeln!(
+            std::io::stderr(),
+            "skipped: no recording at {}",
+            path.display()
+        );
         return None;
     }
     Some(path)

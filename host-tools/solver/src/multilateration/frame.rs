@@ -191,7 +191,9 @@ impl<'a> Frame<'a> {
         let rejected = self.samples.len() - sound.len();
         let trust = Trust {
             noise,
-            systematic: self.options.systematic_sigma_m.powi(2) * total_weight,
+            systematic: (self.options.systematic_sigma_m.powi(2)
+                + bent_by_noise(&sound, fit.scale).powi(2))
+                * total_weight,
             outlier_rate: match self.options.noise {
                 Noise::Given => 0.0,
                 // Laplace's rule of succession.
@@ -450,4 +452,17 @@ fn canonical(a: &RangeMeasurement, b: &RangeMeasurement) -> std::cmp::Ordering {
         .map(|(a, b)| a.total_cmp(b))
         .find(|order| order.is_ne())
         .unwrap_or(std::cmp::Ordering::Equal)
+}
+
+/// How far errors of the places themselves can bend the ranges, in metres.
+///
+/// A place that is off by `e` across the line of sight is `e^2 / 2R` too far
+/// away: an error with a mean, which no number of measurements averages out and
+/// which can make a mirror image fit better. The spread of the residuals bounds
+/// `e`; two directions lie across.
+fn bent_by_noise(sound: &[Sample], scale: f64) -> f64 {
+    let n = sound.len().max(1) as f64;
+    let variance = scale * scale * sound.iter().map(|s| s.inv_sigma.powi(-2)).sum::<f64>() / n;
+    let reach = sound.iter().map(|s| s.range.abs()).sum::<f64>() / n;
+    if reach > 0.0 { variance / reach } else { 0.0 }
 }

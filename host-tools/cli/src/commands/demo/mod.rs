@@ -17,6 +17,7 @@ use nova_wire::{Counters, Decoder, Event, Range, Record, Statistics};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Simulates two boards and finds the tag.
@@ -29,7 +30,7 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "Examples:
   nova demo
   nova demo --seed 7 --out seven.html
-  nova demo --csv flight.csv && nova solve flight.csv
+  nova demo --csv flight.csv && nova solve flight.csv --systematic-sigma 0.0013
   nova demo --capture anchor.bin && nova decode anchor.bin
   nova demo --range-noise-ps 300 --position-noise 0.1 --json")]
 pub(crate) struct Demo {
@@ -49,13 +50,28 @@ pub(crate) struct Demo {
     #[arg(long)]
     json: bool,
     /// Standard deviation of each receive time stamp, in picoseconds.
-    #[arg(long, value_name = "PS", default_value_t = 100.0)]
+    #[arg(
+        long,
+        value_name = "PS",
+        default_value_t = 100.0,
+        allow_negative_numbers = true
+    )]
     range_noise_ps: f64,
     /// Standard deviation of the anchor's own position along each axis, in metres.
-    #[arg(long, value_name = "M", default_value_t = 0.02)]
+    #[arg(
+        long,
+        value_name = "M",
+        default_value_t = 0.02,
+        allow_negative_numbers = true
+    )]
     position_noise: f64,
     /// Speed of the flight in m/s.
-    #[arg(long, value_name = "M_PER_S", default_value_t = 2.0)]
+    #[arg(
+        long,
+        value_name = "M_PER_S",
+        default_value_t = 2.0,
+        allow_negative_numbers = true
+    )]
     speed: f64,
 }
 
@@ -158,20 +174,20 @@ impl Demo {
         }
         let summary = self.summary(&draw, &flight, &found);
         page::write(&summary, &measurements, &found)?;
-        if self.json {
-            println!("{}", serde_json::to_string(&summary)?);
+        let said = if self.json {
+            serde_json::to_string(&summary)? + "\n"
         } else {
-            print!("{}", text(&summary));
-        }
-        Ok(())
+            text(&summary)
+        };
+        Ok(std::io::stdout().write_all(said.as_bytes())?)
     }
 
     fn check(&self) -> Result<()> {
         if !(0.0..=10_000.0).contains(&self.range_noise_ps) {
             return Err(bad_input!("--range-noise-ps must lie between 0 and 10000"));
         }
-        if !(0.0..=10.0).contains(&self.position_noise) {
-            return Err(bad_input!("--position-noise must lie between 0 and 10 m"));
+        if !(0.0..=3.0).contains(&self.position_noise) {
+            return Err(bad_input!("--position-noise must lie between 0 and 3 m"));
         }
         if !(0.2..=20.0).contains(&self.speed) {
             return Err(bad_input!("--speed must lie between 0.2 and 20 m/s"));
@@ -291,7 +307,7 @@ fn write_csv(file: &Path, measurements: &[RangeMeasurement]) -> Result<()> {
             m.t_s, TAG.0, p.x, p.y, p.z, m.range_m
         );
     }
-    write_whole(file, &text)
+    write_whole(file, text)
 }
 
 /// A tag somewhere below the flight, and two crystals within their data sheet.

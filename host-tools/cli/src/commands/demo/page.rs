@@ -41,7 +41,7 @@ pub(super) fn write(
     page.write(&summary.page)
 }
 
-fn figures(s: &Summary) -> [(&'static str, String); 8] {
+fn figures(s: &Summary) -> [(&'static str, String); 9] {
     let metres = |v: &[f64; 3]| {
         let [x, y, z] = v;
         format!("{x:.3}, {y:.3}, {z:.3} m")
@@ -51,6 +51,14 @@ fn figures(s: &Summary) -> [(&'static str, String); 8] {
         ("Tag, in truth", metres(&s.tag_m)),
         ("Error", format!("{:.3} m", s.error_m)),
         ("Sigma", metres(&s.sigma_m)),
+        (
+            "Observable",
+            if s.observable {
+                "yes".to_owned()
+            } else {
+                "no: the ranges cannot tell the place for certain".to_owned()
+            },
+        ),
         (
             "Ranges used, set aside",
             format!("{}, {}", s.used, s.rejected),
