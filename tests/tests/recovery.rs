@@ -1,9 +1,10 @@
 //! A radio that fails is noticed and started again.
 #![allow(clippy::unwrap_used)]
 
+use nova_cli::sim_node::radio_bus;
 use nova_hal_sim::{BoardConfig, BoardHal, Motion, SimConfig, SimTime, Simulation};
 use nova_node::ranging::Address;
-use nova_node::{Node, NodeConfig, SpiBusWithSpeed, SpiSpeed};
+use nova_node::{Node, NodeConfig};
 use nova_wire::{Counters, Record};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -34,13 +35,7 @@ const MISHAP_US: u64 = 3_000_000;
 const END_S: f64 = 8.0;
 
 fn serve(hal: &BoardHal, config: NodeConfig, mishap: Mishap, seen: &RefCell<Seen>) {
-    let bus = SpiBusWithSpeed::new(hal.spi_device(), |spi, speed| {
-        spi.set_frequency(match speed {
-            SpiSpeed::Slow => 2_000_000,
-            SpiSpeed::Fast => 8_000_000,
-        });
-    });
-    let mut node = Node::new(bus, hal.rst(), hal.delay(), config).unwrap();
+    let mut node = Node::new(radio_bus(hal), hal.rst(), hal.delay(), config).unwrap();
     let mut reset = hal.rst();
     let mut pending = mishap != Mishap::None;
     let mut release_us = None;

@@ -2,7 +2,7 @@
 //! real one.
 
 use nova_hal_sim::{BoardConfig, BoardHal, BoardId, Simulation, UartConfig};
-use nova_node::{ConfigError, Node, NodeConfig, SpiBusWithSpeed, SpiSpeed};
+use nova_node::{ConfigError, Node, NodeConfig, RadioBus, SpiBusWithSpeed, SpiSpeed};
 use nova_wire::{Encoder, MAX_FRAME_LEN};
 
 /// SPI clocks as on the board, in Hz.
@@ -32,15 +32,19 @@ pub fn add(
     Ok(sim.add_board(board, move |hal| run(&hal, node)))
 }
 
-fn run(hal: &BoardHal, config: NodeConfig) {
-    let bus = SpiBusWithSpeed::new(hal.spi_device(), |spi, speed| {
+/// The way to the board's radio.
+pub fn radio_bus(hal: &BoardHal) -> impl RadioBus {
+    SpiBusWithSpeed::new(hal.spi_device(), |spi, speed| {
         spi.set_frequency(match speed {
             SpiSpeed::Slow => SLOW_HZ,
             SpiSpeed::Fast => FAST_HZ,
         });
-    });
+    })
+}
+
+fn run(hal: &BoardHal, config: NodeConfig) {
     // The settings have been checked.
-    let Ok(mut node) = Node::new(bus, hal.rst(), hal.delay(), config) else {
+    let Ok(mut node) = Node::new(radio_bus(hal), hal.rst(), hal.delay(), config) else {
         return;
     };
     let mut encoder = Encoder::new();

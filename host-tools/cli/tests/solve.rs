@@ -136,82 +136,63 @@ fn surveyed(file: &str, keep: impl Fn(&[&str]) -> bool, first: usize) -> Vec<(u6
         .collect()
 }
 
+/// What `nova solve` says of a recording, one object a node; `None` if the
+/// recording is not there.
+fn solved(file: &str, options: &[&str]) -> Option<Vec<Value>> {
+    let path = recorded(file)?;
+    let command = ["solve", path.to_str().unwrap(), "--json", "--skip-bad"];
+    Some(Nova::new().run(&[&command[..], options].concat()).json())
+}
+
+/// How flights of B1 are to be read; see docs/recorded-data.md.
+const B1: [&str; 4] = ["--columns", "peer=anchor", "--range-bias", "0.24"];
+
+/// Prints each anchor's error and sigma, and holds the error below a limit.
+fn assert_within(limit_m: f64, results: &[Value], anchors: &[(u64, Vec<f64>)]) {
+    for (found, (anchor, truth)) in results.iter().zip(anchors) {
+        assert_eq!(found["peer"], *anchor);
+        assert_eq!(found["observable"], true);
+        let error_m = distance_m(found, truth);
+        let sigma_m = vector(&found["sigma_m"]);
+        println!("anchor {anchor}: error {error_m:.3} m, sigma {sigma_m:.3?} m");
+        assert!(error_m < limit_m, "anchor {anchor}: {error_m} m");
+    }
+}
+
 #[test]
 fn recorded_flights_give_each_anchor_within_a_quarter_of_a_metre() {
     for seq in ["1", "2"] {
-        let Some(path) = recorded(&format!("B1_drone_ranges_rcv/seq{seq}_ranges.csv")) else {
+        let file = format!("B1_drone_ranges_rcv/seq{seq}_ranges.csv");
+        let Some(results) = solved(&file, &B1) else {
             return;
         };
-        let said = Nova::new().run(&[
-            "solve",
-            path.to_str().unwrap(),
-            "--json",
-            "--skip-bad",
-            "--columns",
-            "peer=anchor",
-            "--range-bias",
-            "0.24",
-        ]);
-        let results = said.json();
         let anchors = surveyed("B1_drone_ranges_rcv/anchors.csv", |f| f[0] == seq, 1);
-        assert_eq!(results.len(), anchors.len());
-        for (found, (anchor, truth)) in results.iter().zip(&anchors) {
-            assert_eq!(found["peer"], *anchor);
-            assert_eq!(found["observable"], true);
-            let error = distance_m(found, truth);
-            println!(
-                "flight {seq}, anchor {anchor}: {error:.3} m, sigma {:?}",
-                found["sigma_m"]
-            );
-            assert!(error < 0.25, "flight {seq}, anchor {anchor}: {error} m");
-        }
+        assert_eq!((results.len(), anchors.len()), (4, 4));
+        println!("flight {seq}");
+        assert_within(0.25, &results, &anchors);
     }
 }
 
 #[test]
 fn a_recorded_straight_flight_is_not_believed() {
-    let Some(path) = recorded("B1_drone_ranges_rcv/seq5_ranges.csv") else {
+    let Some(results) = solved("B1_drone_ranges_rcv/seq5_ranges.csv", &B1) else {
         return;
     };
-    let said = Nova::new().run(&[
-        "solve",
-        path.to_str().unwrap(),
-        "--json",
-        "--skip-bad",
-        "--columns",
-        "peer=anchor",
-        "--range-bias",
-        "0.24",
-    ]);
-    for found in said.json() {
-        assert!(
-            found["observable"] == false || !found["alternative"].is_null(),
-            "{found}"
-        );
+    assert_eq!(results.len(), 4);
+    for found in results {
+        let doubted = found["observable"] == false || !found["alternative"].is_null();
+        assert!(doubted, "{found}");
     }
 }
 
 #[test]
 fn a_recorded_flight_with_calibrated_ranges_gives_each_anchor_within_16_cm() {
-    let Some(path) = recorded("A2_miluv/random3_flight_anchors0to2.csv") else {
+    let columns = "peer=to_id,x_m=tag_x_m,y_m=tag_y_m,z_m=tag_z_m,range_m=range_cal_m";
+    let file = "A2_miluv/random3_flight_anchors0to2.csv";
+    let Some(results) = solved(file, &["--columns", columns]) else {
         return;
     };
-    let said = Nova::new().run(&[
-        "solve",
-        path.to_str().unwrap(),
-        "--json",
-        "--columns",
-        "peer=to_id,x_m=tag_x_m,y_m=tag_y_m,z_m=tag_z_m,range_m=range_cal_m",
-    ]);
     let anchors = surveyed("A2_miluv/anchors_constellation0.csv", |_| true, 0);
-    let results = said.json();
     assert_eq!(results.len(), 3);
-    for (found, (anchor, truth)) in results.iter().zip(&anchors) {
-        let error = distance_m(found, truth);
-        println!(
-            "anchor {anchor}: {error:.3} m, sigma {:?}",
-            found["sigma_m"]
-        );
-        assert!(error < 0.16, "anchor {anchor}: {error} m");
-    }
+    assert_within(0.16, &results, &anchors);
 }
