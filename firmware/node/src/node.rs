@@ -48,7 +48,7 @@ const WEAK_FIRST_PATH_DB: f32 = 10.0;
 pub struct Node<B, R, D> {
     config: NodeConfig,
     radio: Radio<B, R, D>,
-    role: Role,
+    playing: Playing,
     doing: Doing,
     /// How well the frame was received that this node answered last: the
     /// response at the initiator, the final at the responder. On that frame's
@@ -76,7 +76,7 @@ impl fmt::Display for StartError {
 impl core::error::Error for StartError {}
 
 /// The part in exchanges, with what it takes beside its state machine.
-enum Role {
+enum Playing {
     Initiator {
         machine: Initiator,
         peers: Peers,
@@ -147,9 +147,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     pub fn new(bus: B, reset: R, delay: D, config: NodeConfig) -> Result<Self, ConfigError> {
         config.check()?;
         let timing = config.timing();
-        let role = match &config.part {
-            Part::Responder => Role::Responder(Responder::new(config.identity, timing)),
-            Part::Initiator { period_us, peers } => Role::Initiator {
+        let playing = match &config.part {
+            Part::Responder => Playing::Responder(Responder::new(config.identity, timing)),
+            Part::Initiator { period_us, peers } => Playing::Initiator {
                 machine: Initiator::new(config.identity, timing),
                 peers: Peers::new(peers),
                 polled: Address::BROADCAST,
@@ -161,7 +161,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         Ok(Self {
             radio: Radio::new(bus, reset, delay, config.antenna_delay),
             config,
-            role,
+            playing,
             doing: Doing::Down { retry_us: 0 },
             reception: Reception::default(),
             counters: Counters::default(),
@@ -262,7 +262,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         }
         self.check_deadlines(now_us);
         self.check_settings(now_us)?;
-        self.start_exchange(now_us, emit)
+        self.start_exchange(now_us)
     }
 
     /// Lets the state machine answer an event and carries its commands out.
@@ -273,18 +273,18 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         emit: &mut impl FnMut(&Record),
     ) -> Result<(), RadioError> {
         let received = matches!(event, Event::Received { .. });
-        let mut step = self.role.on_event(event);
+        let mut step = self.playing.on_event(event);
         loop {
             match step.outcome {
                 Some(Outcome::Measured(measurement)) => {
                     let record = self.range_record(&measurement, now_us)?;
                     count(&mut self.counters.ranges);
                     emit(&Record::Range(record));
-                    self.role.answered(measurement.peer);
+                    self.playing.answered(measurement.peer);
                 }
                 Some(Outcome::Failed(failure)) => {
                     count(self.failure_counter(&failure));
-                    self.role.failed();
+                    self.playing.failed();
                 }
                 Some(Outcome::Ignored(ignored)) => count(self.ignored_counter(ignored)),
                 None => {}
@@ -297,7 +297,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 }
                 return Ok(());
             }
-            step = self.role.on_event(Event::SendTooLate);
+            step = self.playing.on_event(Event::SendTooLate);
         }
     }
 
@@ -379,22 +379,18 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         Ok(())
     }
 
-    fn start_exchange(
-        &mut self,
-        now_us: u64,
-        emit: &mut impl FnMut(&Record),
-    ) -> Result<(), RadioError> {
+    fn start_exchange(&mut self, now_us: u64) -> Result<(), RadioError> {
         if self.doing != Doing::Nothing {
             return Ok(());
         }
-        let Role::Initiator {
+        let Playing::Initiator {
             machine,
             peers,
             polled,
             period_us,
             next_us,
             ..
-        } = &mut self.role
+        } = &mut self.playing
         else {
             return Ok(());
         };
@@ -405,24 +401,21 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         *next_us = (*next_us + *period_us).max(now_us);
         *polled = peers.next();
         let command = machine.start(*polled);
-        if self.carry_out(command, now_us)? {
-            Ok(())
-        } else {
-            self.handle(Event::SendTooLate, now_us, emit)
-        }
+        // A poll goes at once: it cannot be late.
+        self.carry_out(command, now_us).map(|_| ())
     }
 
     /// Puts a radio that was just started to work.
     fn begin(&mut self, now_us: u64) -> Result<(), RadioError> {
-        if !self.role.is_idle() {
+        if !self.playing.is_idle() {
             count(&mut self.counters.cut_off);
         }
-        match &mut self.role {
-            Role::Responder(machine) => {
+        match &mut self.playing {
+            Playing::Responder(machine) => {
                 let command = machine.start();
                 self.carry_out(command, now_us).map(|_| ())
             }
-            Role::Initiator {
+            Playing::Initiator {
                 machine, next_us, ..
             } => {
                 machine.stop();
@@ -443,9 +436,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     }
 
     fn wake_us(&self) -> u64 {
-        let radio_us = match (self.doing, &self.role) {
-            (Doing::Nothing, Role::Initiator { next_us, .. }) => *next_us,
-            (Doing::Nothing, Role::Responder(_)) => u64::MAX,
+        let radio_us = match (self.doing, &self.playing) {
+            (Doing::Nothing, Playing::Initiator { next_us, .. }) => *next_us,
+            (Doing::Nothing, Playing::Responder(_)) => u64::MAX,
             (Doing::Sending { until_us }, _) => until_us,
             (Doing::Listening { until_us }, _) => until_us + LISTEN_GUARD_US,
             (Doing::ListeningForEver { refresh_us }, _) => refresh_us.min(self.next_check_us),
@@ -472,7 +465,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         if rx_power_dbm - first_path_power_dbm > WEAK_FIRST_PATH_DB {
             flags = flags.with(RangeFlags::WEAK_FIRST_PATH);
         }
-        if matches!(self.role, Role::Initiator { .. }) {
+        if matches!(self.playing, Playing::Initiator { .. }) {
             flags = flags.with(RangeFlags::INITIATOR);
         }
         Ok(Range {
@@ -493,7 +486,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     fn failure_counter(&mut self, failure: &Failure) -> &mut u32 {
         let c = &mut self.counters;
         match failure {
-            Failure::NoResponse if self.role.searches() => &mut c.unanswered_searches,
+            Failure::NoResponse if self.playing.searches() => &mut c.unanswered_searches,
             Failure::NoResponse => &mut c.no_response,
             Failure::NoFinal => &mut c.no_final,
             Failure::NoReport => &mut c.no_report,
@@ -518,7 +511,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     }
 }
 
-impl Role {
+impl Playing {
     fn on_event(&mut self, event: Event<'_>) -> Step {
         match self {
             Self::Initiator { machine, .. } => machine.on_event(event),
