@@ -72,11 +72,11 @@ impl Kernel {
     }
 
     /// Starts a sum of `rho`; see [`RhoSum`].
-    pub fn sum(self) -> RhoSum {
+    pub fn sum<const LANES: usize>(self) -> RhoSum<LANES> {
         RhoSum {
             kernel: self,
             sum: 0.0,
-            product: 1.0,
+            products: [1.0; LANES],
             factors: 0,
         }
     }
@@ -110,7 +110,7 @@ impl Kernel {
         // E[psi'] = E[psi r] for Gaussian r (Stein's lemma), which spares the jumps of psi'.
         // Midpoint rule over +-8 sigma; the normalisation of the Gaussian is taken from the same
         // sum.
-        const STEPS: u32 = 128;
+        const STEPS: u32 = 64;
         let step = 8.0 / f64::from(STEPS);
         let (mut density, mut influence2, mut slope) = (0.0, 0.0, 0.0);
         for i in 0..STEPS {
@@ -129,44 +129,67 @@ impl Kernel {
     }
 }
 
-/// A running sum of `rho` over many residuals.
+/// A running sum of `rho` over many residuals, taken `LANES` at a time.
 ///
 /// The Cauchy kernel's logarithms are most of the cost of a fit. `sum ln a_i = ln prod a_i`, so it
 /// takes one logarithm for several residuals.
 #[derive(Debug, Clone, Copy)]
-pub struct RhoSum {
+pub struct RhoSum<const LANES: usize> {
     kernel: Kernel,
     sum: f64,
-    product: f64,
+    products: [f64; LANES],
     factors: u32,
 }
 
-impl RhoSum {
+impl<const LANES: usize> RhoSum<LANES> {
     /// Factors a product may gather: with residuals up to 1e15 sigma it stays below 1e270.
     const FACTORS: u32 = 9;
 
-    /// Adds `rho` of the squared whitened residual `r2 = r^2` and returns its weight `w`.
+    /// Adds `rho` of the squared whitened residuals `r2 = r^2` and returns their weights `w` and
+    /// what they add to the second derivatives: the slope of the influence, but no less than
+    /// `least_curvature * w`.
+    ///
+    /// With `least_curvature` 1 a Gauss-Newton step is that of iteratively reweighted least
+    /// squares: it goes down from anywhere, but the last steps shrink by a constant factor only.
+    /// With less it becomes Newton's, which converges quadratically near a minimum (Triggs et al.,
+    /// "Bundle adjustment, a modern synthesis", 2000, sec. 4.3) and overshoots far from it.
     #[inline]
-    pub fn add(&mut self, r2: f64) -> f64 {
-        let Kernel::Cauchy { c } = self.kernel else {
-            let (rho, w) = self.kernel.rho_and_weight(r2);
-            self.sum += rho;
-            return w;
-        };
-        let factor = 1.0 + r2 / (c * c);
-        self.product *= factor;
-        self.factors += 1;
-        if self.factors == Self::FACTORS {
-            self.fold();
+    pub fn add(&mut self, r2: &[f64; LANES], least_curvature: f64) -> ([f64; LANES], [f64; LANES]) {
+        let (mut weights, mut curvatures) = ([1.0; LANES], [1.0; LANES]);
+        match self.kernel {
+            Kernel::None => self.sum += r2.iter().sum::<f64>(),
+            Kernel::Huber { .. } => {
+                for k in 0..LANES {
+                    let (rho, w) = self.kernel.rho_and_weight(r2[k]);
+                    self.sum += rho;
+                    let slope = self.kernel.influence_slope(r2[k]);
+                    (weights[k], curvatures[k]) = (w, slope.max(least_curvature * w));
+                }
+            }
+            Kernel::Cauchy { c } => {
+                let inv_c2 = 1.0 / (c * c);
+                for k in 0..LANES {
+                    let factor = 1.0 + r2[k] * inv_c2;
+                    self.products[k] *= factor;
+                    let w = 1.0 / factor;
+                    // The slope is (1 - r2/c2) w^2 = (2 w - 1) w.
+                    let curvature = w * (2.0 * w - 1.0).max(least_curvature);
+                    (weights[k], curvatures[k]) = (w, curvature);
+                }
+                self.factors += 1;
+                if self.factors == Self::FACTORS {
+                    self.fold();
+                }
+            }
         }
-        1.0 / factor
+        (weights, curvatures)
     }
 
     fn fold(&mut self) {
         if let Kernel::Cauchy { c } = self.kernel {
-            self.sum += c * c * self.product.ln();
+            self.sum += c * c * self.products.iter().map(|p| p.ln()).sum::<f64>();
         }
-        self.product = 1.0;
+        self.products = [1.0; LANES];
         self.factors = 0;
     }
 
@@ -224,10 +247,15 @@ mod tests {
             let squares: Vec<f64> = (0..40).map(|i| 10f64.powi(i - 10)).collect();
             let mut sum = kernel.sum();
             let mut expected = 0.0;
-            for r2 in squares {
-                let (rho, w) = kernel.rho_and_weight(r2);
-                expected += rho;
-                assert!((sum.add(r2) - w).abs() < 1e-12 * w);
+            for pair in squares.as_chunks::<2>().0 {
+                let (weights, curvatures) = sum.add(pair, 0.25);
+                for k in 0..2 {
+                    let (rho, w) = kernel.rho_and_weight(pair[k]);
+                    expected += rho;
+                    assert!((weights[k] - w).abs() < 1e-12 * w);
+                    let curvature = kernel.influence_slope(pair[k]).max(0.25 * w);
+                    assert!((curvatures[k] - curvature).abs() < 1e-12 * w);
+                }
             }
             assert!((sum.total() / expected - 1.0).abs() < 1e-12, "{kernel:?}");
         }

@@ -29,11 +29,19 @@
 //! describes geometry alone. The equations stand beside the code and, in one piece, in
 //! `docs/solver.md`.
 
+pub mod baselines;
+pub mod bayes_opt;
+pub mod bound;
 pub mod dop;
+pub mod ins;
+pub mod ins_error;
 pub mod kernel;
 pub mod lm;
+pub mod map;
 pub mod measurement;
 pub mod multilateration;
+pub mod navigation;
+pub mod nova;
 
 mod ambiguity;
 mod error;

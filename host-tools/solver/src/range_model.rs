@@ -15,7 +15,7 @@
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
-use crate::kernel::Kernel;
+use crate::kernel::{Kernel, RhoSum};
 use crate::lm::{LeastSquares, NormalEquations};
 
 /// Unknowns: x, y, z in metres, then the range bias in metres.
@@ -30,6 +30,13 @@ pub(crate) struct Sample {
 }
 
 impl Sample {
+    /// Fills up a group; adds nothing to any sum.
+    const WITHOUT_WEIGHT: Self = Self {
+        position: Vector3::new(0.0, 0.0, 0.0),
+        range: 0.0,
+        inv_sigma: 0.0,
+    };
+
     /// Predicted minus measured range, metres.
     #[inline]
     pub(crate) fn misfit(&self, x: &State) -> f64 {
@@ -82,63 +89,158 @@ pub(crate) struct RangeProblem<'a> {
     pub(crate) prior_factor: f64,
 }
 
+/// Steps that go down from anywhere (iteratively reweighted least squares).
 impl LeastSquares<4> for RangeProblem<'_> {
     fn linearise(&self, x: &State) -> NormalEquations<4> {
-        let p = x.xyz();
-        let mut sum = NormalEquations::zeros();
-        let mut cost = self.kernel.sum();
-        let (mut bias_gradient, mut bias_hessian) = (0.0, 0.0);
-        let (mut gx, mut gy, mut gz) = (0.0, 0.0, 0.0);
-        let (mut xx, mut xy, mut xz, mut yy, mut yz, mut zz) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-        let (mut xb, mut yb, mut zb) = (0.0, 0.0, 0.0);
+        self.with_curvature(x, 1.0)
+    }
+}
+
+/// The same problem with second derivatives close to the true ones: for the last few steps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NearlyNewton<'a>(pub(crate) RangeProblem<'a>);
+
+impl LeastSquares<4> for NearlyNewton<'_> {
+    fn linearise(&self, x: &State) -> NormalEquations<4> {
+        self.0.with_curvature(x, 0.25)
+    }
+}
+
+impl RangeProblem<'_> {
+    /// `least_curvature` as in [`RhoSum::add`].
+    fn with_curvature(&self, x: &State, least_curvature: f64) -> NormalEquations<4> {
         let inv_scale = 1.0 / self.scale;
-        for sample in self.samples {
-            let d = p - sample.position;
-            let distance = d.norm();
-            // At the very place of measurement the direction is undefined; zero leaves the step to
-            // the other samples.
-            let inv_distance = if distance > 0.0 { 1.0 / distance } else { 0.0 };
-            let u = d * inv_distance;
-            let whiten = sample.inv_sigma * inv_scale;
-            let r = (distance + x.w - sample.range) * whiten;
-            let w = cost.add(r * r);
-            let weighted = w * whiten;
-            let pull = weighted * r;
-            gx += pull * u.x;
-            gy += pull * u.y;
-            gz += pull * u.z;
-            bias_gradient += pull;
-            let weight = weighted * whiten;
-            let v = u * weight;
-            xx += v.x * u.x;
-            xy += v.x * u.y;
-            xz += v.x * u.z;
-            yy += v.y * u.y;
-            yz += v.y * u.z;
-            zz += v.z * u.z;
-            xb += v.x;
-            yb += v.y;
-            zb += v.z;
-            bias_hessian += weight;
+        let mut cost = self.kernel.sum();
+        let mut sums = Sums::default();
+        let (groups, rest) = self.samples.as_chunks::<LANES>();
+        for group in groups {
+            sums.add(group, x, inv_scale, least_curvature, &mut cost);
         }
+        if !rest.is_empty() {
+            let mut group = [Sample::WITHOUT_WEIGHT; LANES];
+            group[..rest.len()].copy_from_slice(rest);
+            sums.add(&group, x, inv_scale, least_curvature, &mut cost);
+        }
+
+        let [gx, gy, gz, gb] = sums.gradient.map(total);
+        let [xx, xy, xz, xb, yy, yz, yb, zz, zb, bb] = sums.hessian.map(total);
         let prior_weight = self.unknowns.prior_weight * self.prior_factor;
         let prior_misfit = x.w - self.unknowns.prior_bias;
-        sum.cost = 0.5 * (cost.total() + prior_weight * prior_misfit * prior_misfit);
-        sum.gradient = Vector4::new(gx, gy, gz, bias_gradient + prior_weight * prior_misfit);
         #[rustfmt::skip]
         let hessian = Matrix4::new(
             xx, xy, xz, xb,
             xy, yy, yz, yb,
             xz, yz, zz, zb,
-            xb, yb, zb, bias_hessian + prior_weight,
+            xb, yb, zb, bb + prior_weight,
         );
-        sum.hessian = hessian;
-        self.unknowns.hold_given(&mut sum.hessian);
+        let mut normal = NormalEquations {
+            cost: 0.5 * (cost.total() + prior_weight * prior_misfit * prior_misfit),
+            gradient: Vector4::new(gx, gy, gz, gb + prior_weight * prior_misfit),
+            hessian,
+        };
+        self.unknowns.hold_given(&mut normal.hessian);
         for i in (0..4).filter(|&i| !self.unknowns.free[i]) {
-            sum.gradient[i] = 0.0;
+            normal.gradient[i] = 0.0;
         }
-        sum
+        normal
     }
+}
+
+/// Samples that are worked on side by side: loops over this many numbers become vector
+/// instructions, and so many square roots and divisions hide each other's latency.
+const LANES: usize = 8;
+/// One number of each.
+type Lanes = [f64; LANES];
+
+/// Sums over the samples, a lane each.
+#[derive(Default)]
+struct Sums {
+    /// x, y, z, bias.
+    gradient: [Lanes; 4],
+    /// Upper triangle by rows: xx, xy, xz, xb, yy, yz, yb, zz, zb, bb.
+    hessian: [Lanes; 10],
+}
+
+impl Sums {
+    #[inline]
+    fn add(
+        &mut self,
+        group: &[Sample; LANES],
+        x: &State,
+        inv_scale: f64,
+        least_curvature: f64,
+        cost: &mut RhoSum<LANES>,
+    ) {
+        let dx = lanes(|k| x.x - group[k].position.x);
+        let dy = lanes(|k| x.y - group[k].position.y);
+        let dz = lanes(|k| x.z - group[k].position.z);
+        let whiten = lanes(|k| group[k].inv_sigma * inv_scale);
+        let distance = lanes(|k| (dx[k] * dx[k] + dy[k] * dy[k] + dz[k] * dz[k]).sqrt());
+        let r = lanes(|k| (distance[k] + x.w - group[k].range) * whiten[k]);
+        let (w, curvature) = cost.add(&product(&r, &r), least_curvature);
+
+        // At the very place of measurement the direction is undefined; zero, which `d` is there,
+        // leaves the step to the other samples.
+        let inv_distance = lanes(|k| 1.0 / if distance[k] > 0.0 { distance[k] } else { 1.0 });
+        let ux = product(&dx, &inv_distance);
+        let uy = product(&dy, &inv_distance);
+        let uz = product(&dz, &inv_distance);
+        let pull = lanes(|k| w[k] * whiten[k] * r[k]);
+        let weight = lanes(|k| curvature[k] * whiten[k] * whiten[k]);
+        let vx = product(&ux, &weight);
+        let vy = product(&uy, &weight);
+        let vz = product(&uz, &weight);
+
+        let [gx, gy, gz, gb] = &mut self.gradient;
+        add_product(gx, &pull, &ux);
+        add_product(gy, &pull, &uy);
+        add_product(gz, &pull, &uz);
+        add(gb, &pull);
+        let [xx, xy, xz, xb, yy, yz, yb, zz, zb, bb] = &mut self.hessian;
+        add_product(xx, &vx, &ux);
+        add_product(xy, &vx, &uy);
+        add_product(xz, &vx, &uz);
+        add(xb, &vx);
+        add_product(yy, &vy, &uy);
+        add_product(yz, &vy, &uz);
+        add(yb, &vy);
+        add_product(zz, &vz, &uz);
+        add(zb, &vz);
+        add(bb, &weight);
+    }
+}
+
+#[inline]
+fn lanes(of: impl Fn(usize) -> f64) -> Lanes {
+    // A plain loop: `array::from_fn` is not turned into vector instructions.
+    let mut lanes = [0.0; LANES];
+    for (k, lane) in lanes.iter_mut().enumerate() {
+        *lane = of(k);
+    }
+    lanes
+}
+
+#[inline]
+fn product(a: &Lanes, b: &Lanes) -> Lanes {
+    lanes(|k| a[k] * b[k])
+}
+
+#[inline]
+fn add(sum: &mut Lanes, a: &Lanes) {
+    for k in 0..LANES {
+        sum[k] += a[k];
+    }
+}
+
+#[inline]
+fn add_product(sum: &mut Lanes, a: &Lanes, b: &Lanes) {
+    for k in 0..LANES {
+        sum[k] += a[k] * b[k];
+    }
+}
+
+fn total(lanes: Lanes) -> f64 {
+    lanes.iter().sum()
 }
 
 /// `J / sigma` of one sample; zero for the unknowns that are not free.

@@ -9,7 +9,7 @@ use crate::kernel::Kernel;
 use crate::lm::{LeastSquares, LmOptions, minimise};
 use crate::multilateration::Noise;
 use crate::noise::{PRIOR_FREEDOM, robust_scale};
-use crate::range_model::{RangeProblem, Sample, State, Unknowns};
+use crate::range_model::{NearlyNewton, RangeProblem, Sample, State, Unknowns};
 
 /// Rounds of fit and re-scale. Each shrinks the scale by a factor of several while far away; a
 /// handful is the rule.
@@ -75,7 +75,7 @@ impl Fitter<'_> {
         scale: f64,
         prior_factor: f64,
     ) -> Fit {
-        let problem = self.problem(samples, scale, prior_factor);
+        let problem = NearlyNewton(self.problem(samples, scale, prior_factor));
         let end = minimise(&problem, start, &LmOptions::default());
         Fit {
             x: end.x,
@@ -108,7 +108,8 @@ impl Fitter<'_> {
         scratch: &mut Vec<f64>,
     ) -> Fit {
         let (x, _) = self.settle(few, start, scratch);
-        let end = minimise(&self.problem(samples, scale, prior_factor), x, &RIVAL);
+        let problem = NearlyNewton(self.problem(samples, scale, prior_factor));
+        let end = minimise(&problem, x, &RIVAL);
         Fit {
             x: end.x,
             cost: end.normal.cost,

@@ -215,7 +215,11 @@ impl<'a> Frame<'a> {
         let covariance = self
             .covariance(&sound, &fit.x, &trust)
             .ok_or(SolveError::Diverged)?;
-        let cost_of_all = fitter.cost(&self.samples, &fit.x, fit.scale, prior_factor);
+        let cost_of_all = if rejected == 0 {
+            fit.cost
+        } else {
+            fitter.cost(&self.samples, &fit.x, fit.scale, prior_factor)
+        };
         Ok(Solution {
             fit,
             cost_of_all,

@@ -1,0 +1,151 @@
+//! Noise that agrees with the innovations: coordinate ascent on the evidence.
+//!
+//! Range noise is measured ([`super::roughness`]); what is left is how dead reckoning errs.
+//! The logarithm of the evidence (marginal likelihood) of a noise model, by Laplace's approximation,
+//! is what a sweep gives along the way:
+//!
+//! ```text
+//! ln p(ranges | noise) = -cost_min - 1/2 ln det H + 1/2 sum_k ln det Q_k^-1 + const
+//! ```
+//!
+//! Each update tries one parameter a little larger or smaller, from the same linearisation, and
+//! keeps what raises evidence times prior. The priors are broad log-normals about the data sheet,
+//! so what the flight cannot tell stays where it was.
+
+use super::elimination::Factor;
+use super::hypothesis::Hypothesis;
+use super::noise::NoiseModel;
+use super::record::Record;
+
+/// A parameter, the width of its log-normal prior (1 = a factor of e) and the range that makes sense.
+struct Parameter {
+    of: fn(&mut NoiseModel) -> &mut f64,
+    width: f64,
+    limits: std::ops::RangeInclusive<f64>,
+}
+
+const PARAMETERS: [Parameter; 4] = [
+    Parameter {
+        of: |n| &mut n.ins.position_random_walk,
+        width: 1.2,
+        limits: 1e-3..=0.2,
+    },
+    Parameter {
+        of: |n| &mut n.ins.velocity_random_walk,
+        width: 0.5,
+        limits: 3e-3..=0.02,
+    },
+    Parameter {
+        of: |n| &mut n.ins.acceleration_random_walk,
+        width: 1.2,
+        limits: 1e-5..=0.015,
+    },
+    Parameter {
+        of: |n| &mut n.ins.height_random_walk,
+        width: 0.5,
+        limits: 1e-3..=0.1,
+    },
+];
+
+/// Logarithmic step to begin with, and its limits.
+const FIRST_STEP: f64 = 0.7;
+const STEPS: std::ops::RangeInclusive<f64> = 0.1..=0.7;
+
+/// Prior of the outlier probability: one in this many.
+const OUTLIER_PRIOR: f64 = 50.0;
+/// Largest outlier probability that makes sense.
+const MOST_OUTLIERS: f64 = 0.3;
+
+/// Where the ascent stands.
+#[derive(Debug, Clone)]
+pub(super) struct Tuner {
+    data_sheet: NoiseModel,
+    noise: NoiseModel,
+    next: usize,
+    /// Signed logarithmic step of each parameter.
+    steps: [f64; PARAMETERS.len()],
+}
+
+impl Tuner {
+    pub(super) fn new(data_sheet: NoiseModel) -> Self {
+        Self {
+            data_sheet,
+            noise: data_sheet,
+            next: 0,
+            steps: [FIRST_STEP; PARAMETERS.len()],
+        }
+    }
+
+    /// The same prior, beginning elsewhere.
+    pub(super) fn beginning_with(&self, change: fn(&mut NoiseModel)) -> Self {
+        let mut tuner = Self::new(self.data_sheet);
+        change(&mut tuner.noise);
+        tuner
+    }
+
+    /// The noise to believe in now.
+    pub(super) fn noise(&self) -> &NoiseModel {
+        &self.noise
+    }
+
+    /// Tries one change for an explanation that is at its minimum.
+    pub(super) fn improve(
+        &mut self,
+        explanation: &Hypothesis,
+        record: &Record,
+        factors: &mut Vec<Factor>,
+    ) {
+        let index = self.next;
+        self.next = (self.next + 1) % PARAMETERS.len();
+        let parameter = &PARAMETERS[index];
+        let mut candidate = self.noise;
+        let value = (parameter.of)(&mut candidate);
+        *value = (*value * self.steps[index].exp())
+            .clamp(*parameter.limits.start(), *parameter.limits.end());
+        let (Some(now), Some(then)) = (
+            explanation.sweep(record, &self.noise, factors),
+            explanation.sweep(record, &candidate, factors),
+        ) else {
+            return;
+        };
+        let gain =
+            then.log_evidence + self.log_prior_of(candidate) - now.log_evidence - self.log_prior();
+        let size = if gain > 0.0 {
+            self.noise = candidate;
+            1.5 * self.steps[index]
+        } else {
+            -0.7 * self.steps[index]
+        };
+        self.steps[index] = size
+            .abs()
+            .clamp(*STEPS.start(), *STEPS.end())
+            .copysign(size);
+        self.count_outliers(now.outliers, record.observations().len());
+    }
+
+    /// Expectation-maximisation with a beta prior.
+    fn count_outliers(&mut self, outliers: f64, observations: usize) {
+        let share = (1.0 + outliers) / (OUTLIER_PRIOR + observations as f64);
+        self.noise.outlier_probability = share.min(MOST_OUTLIERS);
+    }
+
+    /// Logarithm of the prior of the present noise, up to a constant.
+    pub(super) fn log_prior(&self) -> f64 {
+        self.log_prior_of(self.noise)
+    }
+
+    fn log_prior_of(&self, mut noise: NoiseModel) -> f64 {
+        let mut data_sheet = self.data_sheet;
+        PARAMETERS
+            .iter()
+            .map(|parameter| {
+                // Zero is kept at zero, and a limit keeps the logarithm finite.
+                let least = *parameter.limits.start();
+                let ratio = (parameter.of)(&mut noise).max(least)
+                    / (parameter.of)(&mut data_sheet).max(least);
+                let off = ratio.ln() / parameter.width;
+                -0.5 * off * off
+            })
+            .sum()
+    }
+}
