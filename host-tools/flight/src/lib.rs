@@ -1,9 +1,51 @@
-//! Simulated vehicles: where they fly and what they believe about it.
+//! Simulated flights: a vehicle with accelerometer, barometer and UWB radio, wind, and a navigator
+//! that sees nothing but what these measure, in closed loop; one flight or thousands.
 //!
 //! Frames are local ENU in metres, times in seconds.
+//!
+//! Read from the top: [`Settings`] (what can be set), [`fly`] (one flight), [`run`] and [`Row`] (many).
+//! Beneath are the [`Scene`], the closed loop and the parts it is made of: [`Vehicle`],
+//! [`Autopilot`], [`Wind`], [`Imu`], [`Barometer`], [`UwbLink`]. [`SCurve`] and [`Positioning`] are
+//! for flights whose path is given.
 
+mod autopilot;
+mod barometer;
+mod closed_loop;
+mod error;
+mod flight;
+mod imu;
+mod methods;
+mod monte_carlo;
+mod outcome;
 mod path;
 mod positioning;
+mod recording;
+mod replay;
+mod scene;
+mod settings;
+mod slalom;
+mod statistics;
+mod streams;
+mod uwb;
+mod vehicle;
+mod wind;
 
+pub use autopilot::Autopilot;
+pub use barometer::Barometer;
+pub use error::FlightError;
+pub use flight::{Trial, begin, fly, fly_navigator, fly_recorded, fly_shown, fly_with};
+pub use imu::Imu;
+pub use methods::Method;
+pub use monte_carlo::{Condition, run};
+pub use outcome::FlightResult;
 pub use path::{SCurve, SCurveShape};
 pub use positioning::Positioning;
+pub use recording::Recording;
+pub use replay::replay;
+pub use scene::Scene;
+pub use settings::{FirstGuessQuality, LambdaWeighs, Pilot, Plan, Preset, Settings};
+pub use statistics::Row;
+pub use streams::trial_seed;
+pub use uwb::{LinkBudget, RangeSource, UwbLink};
+pub use vehicle::{Acceleration, Vehicle};
+pub use wind::Wind;
