@@ -2,8 +2,13 @@
 
 use anyhow::Result;
 use nalgebra::{Matrix2, SymmetricEigen};
-use plotters::coord::types::RangedCoordf64;
-use plotters::prelude::*;
+use plotters::coord::ranged1d::ValueFormatter;
+use plotters::element::{Circle, Cross, PathElement};
+use plotters::prelude::{
+    BLACK, Cartesian2d, ChartBuilder, ChartContext, Color, IntoDrawingArea, IntoLogRange,
+    LineSeries, RGBColor, Ranged, SVGBackend, WHITE,
+};
+use serde::Serialize;
 use std::ops::Range;
 
 /// A point in data units: x, y.
@@ -34,69 +39,252 @@ pub(crate) enum Style {
     Circle,
 }
 
+/// How values become places along an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Scale {
+    /// Evenly.
+    Linear,
+    /// Every factor of ten as long as the next. Values must be above 0.
+    Log,
+}
+
+/// One axis of a chart.
+#[derive(Clone)]
+pub(crate) struct Axis<'a> {
+    /// Name and unit.
+    pub(crate) label: &'a str,
+    /// How values are placed.
+    pub(crate) scale: Scale,
+    /// What it shows; `None` for all there is.
+    pub(crate) range: Option<Range<f64>>,
+}
+
+impl<'a> Axis<'a> {
+    /// A linear axis that shows all there is.
+    pub(crate) fn linear(label: &'a str) -> Self {
+        Self {
+            label,
+            scale: Scale::Linear,
+            range: None,
+        }
+    }
+
+    /// A logarithmic axis that shows this.
+    pub(crate) fn log(label: &'a str, range: Range<f64>) -> Self {
+        Self {
+            label,
+            scale: Scale::Log,
+            range: Some(range),
+        }
+    }
+
+    /// The same axis, showing this.
+    pub(crate) fn over(self, range: Range<f64>) -> Self {
+        Self {
+            range: Some(range),
+            ..self
+        }
+    }
+}
+
+/// Where the legend stands.
+pub(crate) use plotters::chart::SeriesLabelPosition as Corner;
+
 /// A chart and its axes.
 pub(crate) struct Chart<'a> {
     /// Width and height in pixels.
     pub(crate) size: (u32, u32),
-    /// Name and unit of the horizontal axis.
-    pub(crate) x_label: &'a str,
-    /// Name and unit of the vertical axis.
-    pub(crate) y_label: &'a str,
-    /// Whether a metre is as long up as it is across.
+    /// The horizontal axis.
+    pub(crate) x: Axis<'a>,
+    /// The vertical axis.
+    pub(crate) y: Axis<'a>,
+    /// Whether a metre is as long up as it is across; for linear axes that show all there is.
     pub(crate) equal_scales: bool,
+    /// Where the legend stands, if there is one.
+    pub(crate) legend: Option<Corner>,
     /// What is drawn, first to last.
     pub(crate) series: &'a [Series<'a>],
 }
+
+/// A chart drawn.
+pub(crate) struct Drawing {
+    /// The SVG element.
+    pub(crate) svg: String,
+    /// Where values lie in it.
+    pub(crate) pixels: Pixels,
+}
+
+/// Where values lie in a drawing.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Pixels {
+    /// Along the horizontal axis.
+    pub(crate) x: PixelAxis,
+    /// Along the vertical axis.
+    pub(crate) y: PixelAxis,
+}
+
+/// Pixel of a value `v`: `zero + per_unit * v` on a linear axis, `zero + per_unit * log10(v)` on a
+/// logarithmic one.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct PixelAxis {
+    scale: Scale,
+    zero: f64,
+    per_unit: f64,
+    /// First and last pixel of the axis.
+    ends: [f64; 2],
+}
+
+impl PixelAxis {
+    fn new(scale: Scale, range: &Range<f64>, pixels: (i32, i32)) -> Self {
+        let (from, to) = (scale.place(range.start), scale.place(range.end));
+        let pixels = [pixels.0, pixels.1].map(|p| f64::from(p) / f64::from(FINE));
+        let per_unit = (pixels[1] - pixels[0]) / (to - from);
+        Self {
+            scale,
+            zero: pixels[0] - per_unit * from,
+            per_unit,
+            ends: pixels,
+        }
+    }
+
+    /// The pixel of a value.
+    pub(crate) fn of(&self, value: f64) -> f64 {
+        self.zero + self.per_unit * self.scale.place(value)
+    }
+
+    /// First and last pixel of the axis.
+    pub(crate) fn ends(&self) -> [f64; 2] {
+        self.ends
+    }
+}
+
+impl Scale {
+    fn place(self, value: f64) -> f64 {
+        match self {
+            Self::Linear => value,
+            Self::Log => value.log10(),
+        }
+    }
+}
+
+impl Drawing {
+    /// Adds SVG elements on top, in pixels of the chart.
+    pub(crate) fn overlay(&mut self, elements: &str) {
+        let end = self.svg.rfind("</svg>").unwrap_or(self.svg.len());
+        let group = format!("<g transform=\"scale({FINE})\">{elements}</g>\n");
+        self.svg.insert_str(end, &group);
+    }
+}
+
+/// The library places everything on whole pixels, which makes steps in gentle slopes: charts are
+/// drawn this many times as large and shown smaller.
+const FINE: u32 = 4;
 
 const MARGIN_PX: u32 = 12;
 const X_AXIS_PX: u32 = 42;
 const Y_AXIS_PX: u32 = 60;
 
 /// Font and its size in pixels.
-const LABELS: (&str, u32) = ("sans-serif", 14);
+const LABELS: (&str, u32) = ("sans-serif", 14 * FINE);
 
 impl Chart<'_> {
     /// The chart as an SVG element.
     pub(crate) fn svg(&self) -> Result<String> {
+        Ok(self.draw()?.svg)
+    }
+
+    /// The chart, and where values lie in it.
+    pub(crate) fn draw(&self) -> Result<Drawing> {
         let mut svg = String::new();
-        {
-            let root = SVGBackend::with_string(&mut svg, self.size).into_drawing_area();
+        let (width, height) = self.size;
+        let pixels = {
+            let root = SVGBackend::with_string(&mut svg, (width * FINE, height * FINE))
+                .into_drawing_area();
             root.fill(&WHITE)?;
+            let mut builder = ChartBuilder::on(&root);
+            builder
+                .margin(MARGIN_PX * FINE)
+                .x_label_area_size(X_AXIS_PX * FINE)
+                .y_label_area_size(Y_AXIS_PX * FINE);
             let (x, y) = self.ranges();
-            let mut chart = ChartBuilder::on(&root)
-                .margin(MARGIN_PX)
-                .x_label_area_size(X_AXIS_PX)
-                .y_label_area_size(Y_AXIS_PX)
-                .build_cartesian_2d(x, y)?;
-            chart
-                .configure_mesh()
-                .x_desc(self.x_label)
-                .y_desc(self.y_label)
-                .light_line_style(WHITE)
-                .bold_line_style(RGBColor(228, 228, 228))
-                .label_style(LABELS)
-                .axis_desc_style(LABELS)
-                .draw()?;
-            for series in self.series {
-                draw(&mut chart, series)?;
-            }
+            let pixels = match (self.x.scale, self.y.scale) {
+                (Scale::Linear, Scale::Linear) => {
+                    self.fill(builder.build_cartesian_2d(x.clone(), y.clone())?, (&x, &y))?
+                }
+                (Scale::Linear, Scale::Log) => self.fill(
+                    builder.build_cartesian_2d(x.clone(), y.clone().log_scale())?,
+                    (&x, &y),
+                )?,
+                (Scale::Log, Scale::Linear) => self.fill(
+                    builder.build_cartesian_2d(x.clone().log_scale(), y.clone())?,
+                    (&x, &y),
+                )?,
+                (Scale::Log, Scale::Log) => self.fill(
+                    builder.build_cartesian_2d(x.clone().log_scale(), y.clone().log_scale())?,
+                    (&x, &y),
+                )?,
+            };
+            root.present()?;
+            pixels
+        };
+        let large = format!("width=\"{}\" height=\"{}\"", width * FINE, height * FINE);
+        let shown = format!("width=\"{width}\" height=\"{height}\"");
+        Ok(Drawing {
+            svg: svg.replacen(&large, &shown, 1),
+            pixels,
+        })
+    }
+
+    fn fill<'a, 'b: 'a, X, Y>(
+        &self,
+        mut chart: Axes<'a, 'b, X, Y>,
+        (x, y): (&Range<f64>, &Range<f64>),
+    ) -> Result<Pixels>
+    where
+        X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+        Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    {
+        chart
+            .configure_mesh()
+            .x_desc(self.x.label)
+            .y_desc(self.y.label)
+            .x_label_formatter(&|value| shown(*value))
+            .y_label_formatter(&|value| shown(*value))
+            .light_line_style(WHITE)
+            .bold_line_style(RGBColor(228, 228, 228).stroke_width(FINE))
+            .axis_style(BLACK.stroke_width(FINE))
+            .label_style(LABELS)
+            .axis_desc_style(LABELS)
+            .set_all_tick_mark_size(5 * FINE)
+            .draw()?;
+        for series in self.series {
+            draw(&mut chart, series)?;
+        }
+        if let Some(corner) = self.legend.clone() {
             chart
                 .configure_series_labels()
-                .position(SeriesLabelPosition::UpperRight)
+                .position(corner)
+                .margin(5 * FINE)
+                .legend_area_size(30 * FINE)
                 .label_font(LABELS)
                 .background_style(WHITE.mix(0.85))
-                .border_style(RGBColor(180, 180, 180))
+                .border_style(RGBColor(180, 180, 180).stroke_width(FINE))
                 .draw()?;
-            root.present()?;
         }
-        Ok(svg)
+        let (left, bottom) = chart.backend_coord(&(x.start, y.start));
+        let (right, top) = chart.backend_coord(&(x.end, y.end));
+        Ok(Pixels {
+            x: PixelAxis::new(self.x.scale, x, (left, right)),
+            y: PixelAxis::new(self.y.scale, y, (bottom, top)),
+        })
     }
 
     /// Both axes with some space around the data.
     fn ranges(&self) -> (Range<f64>, Range<f64>) {
         let points = || self.series.iter().flat_map(|series| series.points);
-        let x = padded(points().map(|p| p.0));
-        let y = padded(points().map(|p| p.1));
+        let x = (self.x.range.clone()).unwrap_or_else(|| padded(points().map(|p| p.0)));
+        let y = (self.y.range.clone()).unwrap_or_else(|| padded(points().map(|p| p.1)));
         if !self.equal_scales {
             return (x, y);
         }
@@ -126,70 +314,77 @@ fn stretched(range: &Range<f64>, length: f64) -> Range<f64> {
     middle - length / 2.0..middle + length / 2.0
 }
 
-type Axes<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+/// A number at an axis: without digits that come from rounding.
+fn shown(value: f64) -> String {
+    let rounded = (value * 1e6).round() / 1e6;
+    // No "-0".
+    (rounded + 0.0).to_string()
+}
 
-fn draw(chart: &mut Axes<'_, '_>, series: &Series<'_>) -> Result<()> {
+type Axes<'a, 'b, X, Y> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
+
+fn draw<X, Y>(chart: &mut Axes<'_, '_, X, Y>, series: &Series<'_>) -> Result<()>
+where
+    X: Ranged<ValueType = f64>,
+    Y: Ranged<ValueType = f64>,
+{
+    const HALF: i32 = 8 * FINE as i32;
     let color = series.color;
+    let thick = color.stroke_width(2 * FINE);
     let points = series.points.iter().copied();
+    let drawn = match series.style {
+        Style::Line => chart.draw_series(LineSeries::new(points, thick))?,
+        Style::Dots => chart.draw_series(points.map(|p| Circle::new(p, FINE, color.filled())))?,
+        Style::Cross => chart.draw_series(points.map(|p| Cross::new(p, 6 * FINE, thick)))?,
+        Style::Circle => chart.draw_series(points.map(|p| Circle::new(p, 6 * FINE, thick)))?,
+    };
+    if series.label.is_empty() {
+        return Ok(());
+    }
+    drawn.label(series.label);
     match series.style {
         Style::Line => {
-            chart
-                .draw_series(LineSeries::new(points, color.stroke_width(2)))?
-                .label(series.label)
-                .legend(move |(x, y)| {
-                    PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2))
-                });
+            drawn.legend(move |(x, y)| PathElement::new([(x, y), (x + 2 * HALF, y)], thick))
         }
         Style::Dots => {
-            chart
-                .draw_series(points.map(|p| plotters::element::Circle::new(p, 1, color.filled())))?
-                .label(series.label)
-                .legend(move |(x, y)| {
-                    plotters::element::Circle::new((x + 8, y), 2, color.filled())
-                });
+            drawn.legend(move |(x, y)| Circle::new((x + HALF, y), 2 * FINE, color.filled()))
         }
-        Style::Cross => {
-            chart
-                .draw_series(
-                    points.map(|p| plotters::element::Cross::new(p, 6, color.stroke_width(2))),
-                )?
-                .label(series.label)
-                .legend(move |(x, y)| {
-                    plotters::element::Cross::new((x + 8, y), 5, color.stroke_width(2))
-                });
-        }
-        Style::Circle => {
-            chart
-                .draw_series(
-                    points.map(|p| plotters::element::Circle::new(p, 6, color.stroke_width(2))),
-                )?
-                .label(series.label)
-                .legend(move |(x, y)| {
-                    plotters::element::Circle::new((x + 8, y), 5, color.stroke_width(2))
-                });
-        }
-    }
+        Style::Cross => drawn.legend(move |(x, y)| Cross::new((x + HALF, y), 5 * FINE, thick)),
+        Style::Circle => drawn.legend(move |(x, y)| Circle::new((x + HALF, y), 5 * FINE, thick)),
+    };
     Ok(())
 }
 
-/// The outline of the ellipse that holds the truth with a probability of 95 %
-/// if errors are Gaussian with this covariance.
-pub(crate) fn ellipse_95(centre: Point, covariance: &Matrix2<f64>) -> Vec<Point> {
-    /// 95 % point of chi-square with two degrees of freedom.
-    const CHI_SQUARE_95: f64 = 5.991;
-    const CORNERS: u32 = 72;
+/// 95 % point of chi-square with two degrees of freedom.
+const CHI_SQUARE_95: f64 = 5.991;
+
+/// The ellipse that holds the truth with a probability of 95 % if errors are Gaussian with this
+/// covariance: its half-axes, longer first, and the direction of the first in radians, from x to y.
+pub(crate) fn half_axes_95(covariance: &Matrix2<f64>) -> ([f64; 2], f64) {
     let eigen = SymmetricEigen::new(*covariance);
-    let axes = eigen.eigenvectors
-        * Matrix2::from_diagonal(
-            &eigen
-                .eigenvalues
-                .map(|v| (v.max(0.0) * CHI_SQUARE_95).sqrt()),
-        );
+    let long = eigen.eigenvalues.imax();
+    let length = |index: usize| {
+        let variance = eigen.eigenvalues.get(index).copied().unwrap_or(0.0);
+        (variance.max(0.0) * CHI_SQUARE_95).sqrt()
+    };
+    let direction = eigen.eigenvectors.column(long);
+    let angle = direction.y.atan2(direction.x);
+    ([length(long), length(1 - long)], angle)
+}
+
+/// The outline of that ellipse.
+pub(crate) fn ellipse_95(centre: Point, covariance: &Matrix2<f64>) -> Vec<Point> {
+    const CORNERS: u32 = 72;
+    let ([long, short], angle) = half_axes_95(covariance);
+    let (sine, cosine) = angle.sin_cos();
     (0..=CORNERS)
         .map(|k| {
-            let angle = std::f64::consts::TAU * f64::from(k) / f64::from(CORNERS);
-            let p = axes * nalgebra::Vector2::new(angle.cos(), angle.sin());
-            (centre.0 + p.x, centre.1 + p.y)
+            let along = std::f64::consts::TAU * f64::from(k) / f64::from(CORNERS);
+            let (u, v) = (long * along.cos(), short * along.sin());
+            (
+                centre.0 + u * cosine - v * sine,
+                centre.1 + u * sine + v * cosine,
+            )
         })
         .collect()
 }
@@ -212,13 +407,14 @@ mod tests {
     fn a_metre_is_as_long_up_as_across_where_asked() {
         let chart = Chart {
             size: (600, 300),
-            x_label: "x",
-            y_label: "y",
+            x: Axis::linear("x"),
+            y: Axis::linear("y"),
             equal_scales: true,
+            legend: None,
             series: &[Series {
                 label: "path",
                 style: Style::Line,
-                color: BLUE,
+                color: RGBColor(0, 0, 255),
                 points: &[(0.0, 0.0), (1.0, 10.0)],
             }],
         };

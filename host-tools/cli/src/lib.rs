@@ -3,6 +3,8 @@
 //! | module | what |
 //! |---|---|
 //! | `commands` | one file a subcommand |
+//! | `evaluation` | Monte Carlo tables, whole or in pieces |
+//! | `settings` | settings of a flight as given |
 //! | `table` | CSV files with messages that name file and line |
 //! | `page`, `chart` | self-contained HTML pages with pictures |
 //! | [`sim_node`] | the firmware's node on a simulated board |
@@ -11,9 +13,13 @@ mod board_clock;
 mod chart;
 mod commands;
 mod error;
+mod evaluation;
 mod files;
+mod interrupt;
 mod page;
+mod peer;
 mod screen;
+mod settings;
 pub mod sim_node;
 mod table;
 

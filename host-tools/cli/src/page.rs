@@ -8,6 +8,7 @@ use std::path::Path;
 /// A page in the making.
 pub(crate) struct Page {
     title: String,
+    style: String,
     body: String,
 }
 
@@ -24,6 +25,7 @@ impl Page {
         );
         Self {
             title: title.to_owned(),
+            style: STYLE.to_owned(),
             body,
         }
     }
@@ -42,6 +44,32 @@ impl Page {
         self.body.push_str("</table>\n");
     }
 
+    /// Adds a table with a line of column names; it may be wider than the text.
+    pub(crate) fn grid<const N: usize>(&mut self, columns: &[&str; N], rows: &[[String; N]]) {
+        let line = |tag: &str, cells: &mut dyn Iterator<Item = &str>| {
+            let cells: String = cells
+                .map(|cell| format!("<{tag}>{}</{tag}>", escape(cell)))
+                .collect();
+            format!("<tr>{cells}</tr>\n")
+        };
+        self.body.push_str("<div class=\"wide\"><table>\n");
+        self.body += &line("th", &mut columns.iter().copied());
+        for row in rows {
+            self.body += &line("td", &mut row.iter().map(String::as_str));
+        }
+        self.body.push_str("</table></div>\n");
+    }
+
+    /// Adds HTML as it is.
+    pub(crate) fn html(&mut self, html: &str) {
+        self.body.push_str(html);
+    }
+
+    /// Adds rules to those of every page.
+    pub(crate) fn style(&mut self, rules: &str) {
+        self.style.push_str(rules);
+    }
+
     /// Adds a picture with its caption.
     pub(crate) fn figure(&mut self, svg: &str, caption: &str) {
         let _ = writeln!(
@@ -56,8 +84,9 @@ impl Page {
         let html = format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width\">\n\
-             <title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{}</body>\n</html>\n",
+             <title>{}</title>\n<style>\n{}</style>\n</head>\n<body>\n{}</body>\n</html>\n",
             escape(&self.title),
+            self.style,
             self.body
         );
         write_whole(path, html)
@@ -72,9 +101,14 @@ td { font-variant-numeric: tabular-nums; white-space: pre-line; }
 figure { margin: 2rem 0; }
 figure svg { max-width: 100%; height: auto; }
 figcaption { color: #555; }
+.wide { overflow-x: auto; width: calc(100vw - 4rem); margin-left: calc(50% - 50vw + 2rem); }
+.wide table { font-size: 13px; margin: 1rem auto; }
+.wide th, .wide td { padding: .2rem .4rem; white-space: nowrap; text-align: right; border-bottom: 1px solid #eee; }
+.wide :is(th, td):nth-child(-n+2) { text-align: left; }
 ";
 
-fn escape(text: &str) -> String {
+/// Text with nothing left that HTML would take for its own.
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

@@ -37,6 +37,7 @@ impl ColumnNames {
 pub(crate) struct Table {
     path: PathBuf,
     names: ColumnNames,
+    renaming: &'static str,
     headers: csv::StringRecord,
     content: Vec<u8>,
 }
@@ -58,12 +59,18 @@ pub(crate) struct Column<'a> {
 const COMMENT: u8 = b'#';
 
 impl Table {
-    /// Reads a file and its header. `names` may rename the columns in `known`.
-    pub(crate) fn open(path: &Path, names: &ColumnNames, known: &[&str]) -> Result<Self> {
+    /// Reads a file and its header. `names`, given by the option called `renaming`, may rename the
+    /// columns in `known`.
+    pub(crate) fn open(
+        path: &Path,
+        names: &ColumnNames,
+        renaming: &'static str,
+        known: &[&str],
+    ) -> Result<Self> {
         let shown_path = path.display();
         if let Some(stranger) = names.0.keys().find(|name| !known.contains(&name.as_str())) {
             return Err(bad_input!(
-                "--columns {}=...: no column is called that here (but {})",
+                "{renaming} {}=...: no column is called that here (but {})",
                 shown(stranger),
                 known.join(", ")
             ));
@@ -97,6 +104,7 @@ impl Table {
         Ok(Self {
             path: path.to_owned(),
             names: names.clone(),
+            renaming,
             headers,
             content,
         })
@@ -126,10 +134,11 @@ impl Table {
             let present = self.headers.iter().collect::<Vec<_>>().join(", ");
             bad_input!(
                 "{}: line 1: there is no column '{}' (found: {}); \
-                 --columns {wanted}=NAME tells what it is called here",
+                 {} {wanted}=NAME tells what it is called here",
                 self.path.display(),
                 shown(self.names.in_file(wanted)),
-                shown(&present)
+                shown(&present),
+                self.renaming
             )
         })
     }

@@ -1,12 +1,12 @@
 //! `nova decode`: what a board has sent, as JSON lines.
 
 use crate::error::bad_input;
+use crate::interrupt;
 use anyhow::{Context, Result};
 use nova_wire::{Decoder, Event, Record, Statistics, Trouble};
 use serde::Serialize;
 use std::io::{BufWriter, Read, Write};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Prints a captured byte stream from a board as JSON lines.
 ///
@@ -48,21 +48,6 @@ enum Line<'a> {
     },
 }
 
-/// Set by Ctrl-C: the stream ends here, and its counts are due.
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-
-/// Lets Ctrl-C end a live stream after the bytes that come next, with its
-/// counts. A second one ends the program at once.
-fn stop_on_interrupt() -> Result<()> {
-    const INTERRUPT_STATUS: i32 = 130;
-    ctrlc::set_handler(|| {
-        if INTERRUPTED.swap(true, Ordering::Relaxed) {
-            std::process::exit(INTERRUPT_STATUS);
-        }
-    })
-    .context("Ctrl-C cannot be caught")
-}
-
 fn is_zero(lost: &u16) -> bool {
     *lost == 0
 }
@@ -71,7 +56,7 @@ impl Decode {
     pub(crate) fn run(self) -> Result<()> {
         let mut stdout = std::io::stdout().lock();
         if self.file.as_os_str() == "-" {
-            stop_on_interrupt()?;
+            interrupt::catch()?;
             let out = BufWriter::new(stdout);
             return self.decode(std::io::stdin().lock(), out, "standard input");
         }
@@ -116,7 +101,7 @@ impl Decode {
             }
             // Whoever watches a live stream sees what has come.
             out.flush()?;
-            if INTERRUPTED.load(Ordering::Relaxed) {
+            if interrupt::caught() {
                 break None;
             }
         };

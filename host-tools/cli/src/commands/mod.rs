@@ -2,6 +2,9 @@
 
 mod decode;
 mod demo;
+mod evaluate;
+mod fly;
+mod guide;
 mod solve;
 mod twr;
 
@@ -22,6 +25,10 @@ struct Arguments {
 enum Command {
     Demo(demo::Demo),
     Solve(solve::Solve),
+    Guide(guide::Guide),
+    Fly(fly::Fly),
+    Evaluate(evaluate::Evaluate),
+    Merge(evaluate::Merge),
     Twr(twr::Twr),
     Decode(decode::Decode),
 }
@@ -43,6 +50,10 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let result = match arguments.command {
         Command::Demo(command) => command.run(),
         Command::Solve(command) => command.run(),
+        Command::Guide(command) => command.run(),
+        Command::Fly(command) => command.run(),
+        Command::Evaluate(command) => command.run(),
+        Command::Merge(command) => command.run(),
         Command::Twr(command) => command.run(),
         Command::Decode(command) => command.run(),
     };

@@ -1,6 +1,7 @@
 //! `nova solve`: positions of unknown nodes from ranges taken at known places.
 
 use crate::error::bad_input;
+use crate::peer::Peer;
 use crate::table::{Column, ColumnNames, Row, Table};
 use anyhow::Result;
 use nova_solver::multilateration::{Height, Noise, RangeBias};
@@ -89,14 +90,6 @@ struct Columns<'a> {
     place: [Column<'a>; 3],
     range: Column<'a>,
     sigma: Option<Column<'a>>,
-}
-
-/// A node's name; numbers sort as numbers.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(untagged)]
-enum Peer {
-    Number(u64),
-    Name(String),
 }
 
 /// What is said about one node in JSON.
@@ -196,7 +189,7 @@ impl Solve {
 
     fn read(&self) -> Result<BTreeMap<Peer, Vec<RangeMeasurement>>> {
         let names = self.columns.clone().unwrap_or_default();
-        let table = Table::open(&self.file, &names, &COLUMNS)?;
+        let table = Table::open(&self.file, &names, "--columns", &COLUMNS)?;
         let columns = Columns {
             time: table.require("t_s")?,
             peer: table.require("peer")?,
@@ -263,10 +256,7 @@ impl Solve {
         measurement
             .validate()
             .map_err(|fault| row.complain(columns.range, &format!("cannot be used: {fault}")))?;
-        let peer = name
-            .parse()
-            .map_or_else(|_| Peer::Name(name.to_owned()), Peer::Number);
-        Ok((peer, measurement))
+        Ok((name.into(), measurement))
     }
 
     fn explain(&self, peer: &Peer, error: &SolveError) -> anyhow::Error {
@@ -279,15 +269,6 @@ impl Solve {
                 unknowns + 1
             ),
             other => bad_input!("{file}: node {peer}: {other}"),
-        }
-    }
-}
-
-impl std::fmt::Display for Peer {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Number(number) => write!(f, "{number}"),
-            Self::Name(name) => f.write_str(name),
         }
     }
 }

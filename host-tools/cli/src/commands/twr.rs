@@ -81,7 +81,7 @@ struct Line {
 impl Twr {
     pub(crate) fn run(self) -> Result<()> {
         let names = self.columns.clone().unwrap_or_default();
-        let table = Table::open(&self.file, &names, &STAMP_COLUMNS)?;
+        let table = Table::open(&self.file, &names, "--columns", &STAMP_COLUMNS)?;
         let columns = STAMP_COLUMNS
             .iter()
             .map(|name| table.require(name))

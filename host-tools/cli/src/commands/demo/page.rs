@@ -1,7 +1,7 @@
 //! The page that `nova demo` writes.
 
 use super::Summary;
-use crate::chart::{Chart, Point, Series, Style, ellipse_95};
+use crate::chart::{Axis, Chart, Corner, Point, Series, Style, ellipse_95};
 use crate::page::Page;
 use anyhow::Result;
 use nalgebra::Matrix2;
@@ -104,9 +104,10 @@ fn from_above(s: &Summary, measurements: &[RangeMeasurement]) -> Result<String> 
     let [tag, estimate] = marks(&tag, &estimate);
     Chart {
         size: (860, 520),
-        x_label: "east (m)",
-        y_label: "north (m)",
+        x: Axis::linear("east (m)"),
+        y: Axis::linear("north (m)"),
         equal_scales: true,
+        legend: Some(Corner::UpperRight),
         series: &[
             Series {
                 label: "anchor",
@@ -128,9 +129,10 @@ fn close_up(s: &Summary) -> Result<String> {
     let [tag, estimate] = marks(&tag, &estimate);
     Chart {
         size: (560, 460),
-        x_label: "east (m)",
-        y_label: "north (m)",
+        x: Axis::linear("east (m)"),
+        y: Axis::linear("north (m)"),
         equal_scales: true,
+        legend: Some(Corner::UpperRight),
         series: &[
             Series {
                 label: "95 %",
@@ -157,9 +159,10 @@ fn residuals(measurements: &[RangeMeasurement], found: &Localisation) -> Result<
     let (used, aside) = (of(true), of(false));
     Chart {
         size: (860, 340),
-        x_label: "time (s)",
-        y_label: "residual (m)",
+        x: Axis::linear("time (s)"),
+        y: Axis::linear("residual (m)"),
         equal_scales: false,
+        legend: Some(Corner::UpperRight),
         series: &[
             Series {
                 label: "set aside",
