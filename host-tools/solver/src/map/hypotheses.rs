@@ -45,6 +45,7 @@ pub(super) struct Hypotheses {
     /// The noise that new explanations begin with.
     tuner: Tuner,
     next_beginning: usize,
+    tag_below_flight: bool,
     alive: Vec<Hypothesis>,
     guess_m: Vector3<f64>,
     capacity: usize,
@@ -66,6 +67,7 @@ impl Hypotheses {
             prior: Prior::independent(mean, sigma),
             tuner: Tuner::new(options.noise),
             next_beginning: 0,
+            tag_below_flight: options.tag_below_flight,
             alive: Vec::with_capacity(2 * STARTS),
             guess_m,
             capacity: knot_capacity,
@@ -159,7 +161,7 @@ impl Hypotheses {
         let options = MultilaterationOptions {
             height: Height::Between {
                 min_m: f64::NEG_INFINITY,
-                max_m: record.lowest_m(),
+                max_m: self.highest_tag_m(record),
             },
             ..MultilaterationOptions::default()
         };
@@ -255,12 +257,20 @@ impl Hypotheses {
         }
     }
 
+    /// Above this the tag cannot be.
+    fn highest_tag_m(&self, record: &Record) -> f64 {
+        if self.tag_below_flight {
+            record.lowest_m()
+        } else {
+            f64::INFINITY
+        }
+    }
+
     /// Sorts by cost, drops the hopeless and the doubles.
     fn judge(&mut self, record: &Record) {
-        // A vehicle that is to land on the tag is above it.
-        let lowest_m = record.lowest_m() + HEIGHT_TOLERANCE_M;
+        let highest_m = self.highest_tag_m(record) + HEIGHT_TOLERANCE_M;
         self.alive
-            .retain(|h| h.score().is_finite() && h.tag_m().z < lowest_m);
+            .retain(|h| h.score().is_finite() && h.tag_m().z < highest_m);
         self.alive.sort_by(|a, b| a.score().total_cmp(&b.score()));
         let Some(best) = self.alive.first() else {
             return;

@@ -37,6 +37,9 @@ pub struct MapOptions {
     pub initial_velocity_sigma: f64,
     /// Accelerometer error at hand-over, each axis, m/s^2.
     pub initial_acceleration_sigma: f64,
+    /// Whether the tag is known to lie below the flight, as one to land on does. It settles most
+    /// mirror images.
+    pub tag_below_flight: bool,
     /// Distance of knots in time, seconds.
     pub knot_interval_s: f64,
     /// Most knots kept; older ones become a prior.
@@ -56,6 +59,7 @@ impl Default for MapOptions {
             bias_sigma_m: 0.15,
             initial_velocity_sigma: 0.01,
             initial_acceleration_sigma: 1e-3,
+            tag_below_flight: true,
             knot_interval_s: 0.5,
             most_knots: 160,
         }

@@ -283,6 +283,8 @@ impl Guide {
             None => (place.position_m, Some(anywhere_m)),
         };
         let options = MapOptions {
+            // A log may come from below an anchor on a wall.
+            tag_below_flight: false,
             speed_m_s: self.speed,
             bias_prior_m: self.range_bias,
             bias_sigma_m: self.range_bias_sigma,
