@@ -13,7 +13,7 @@ use super::record::{Growth, Record};
 use super::tuning::Tuner;
 use crate::measurement::RangeMeasurement;
 use crate::multilateration::{Height, MultilaterationOptions, multilaterate};
-use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Unit, Vector3};
+use nalgebra::{Rotation3, SymmetricEigen, Unit, Vector3};
 use std::f64::consts::{PI, TAU};
 
 /// Directions of the first search.
@@ -302,13 +302,7 @@ impl Hypotheses {
 const IMAGES: usize = 4;
 
 fn image(record: &Record, tag_m: Vector3<f64>, which: usize) -> Option<Vector3<f64>> {
-    let observations = record.observations();
-    let count = observations.len() as f64;
-    let centre = observations.iter().map(|o| o.ins_m).sum::<Vector3<f64>>() / count;
-    let spread: Matrix3<f64> = observations
-        .iter()
-        .map(|o| (o.ins_m - centre) * (o.ins_m - centre).transpose())
-        .sum();
+    let (centre, spread) = record.spread();
     let eigen = SymmetricEigen::new(spread);
     let long = eigen
         .eigenvectors

@@ -27,6 +27,9 @@ const YOUNG_S: f64 = 20.0;
 const COMPETES: f64 = 7.0;
 /// A direction is unmeasured if its sigma exceeds this part of the distance.
 const WEAK_SHARE: f64 = 0.25;
+/// A path narrower than this part of its length is straight: it leaves a ring of places, and errors
+/// of dead reckoning decide among them.
+const STRAIGHT: f64 = 0.15;
 /// The tag's place is vague while a sigma, or the distance to a rival, exceeds this part of the
 /// distance.
 const VAGUE_SHARE: f64 = 0.06;
@@ -370,7 +373,8 @@ impl Navigator for MapNavigator {
 
     fn estimate(&self) -> Option<Estimate> {
         let best = self.hypotheses.best()?;
-        let newest = self.record.as_ref()?.observations().last()?;
+        let record = self.record.as_ref()?;
+        let newest = record.observations().last()?;
         let (error_m, _) = best.ins_error();
         let vehicle_m = newest.ins_m - error_m;
         let covariance = best.relative_covariance();
@@ -389,7 +393,8 @@ impl Navigator for MapNavigator {
             range_bias_m: Some(best.bias_m()),
             range_sigma_m: Some(newest.range_sigma_m),
             doubts: Doubts {
-                weak_geometry: largest > WEAK_SHARE * distance_m.max(1.0),
+                weak_geometry: largest > WEAK_SHARE * distance_m.max(1.0)
+                    || record.width_over_length() < STRAIGHT,
                 ambiguous: rival.is_some(),
                 ..self.gate.doubts()
             },

@@ -1,6 +1,6 @@
 //! All ranges so far and the grid of knots they hang on.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// A range and where dead reckoning was then.
 #[derive(Debug, Clone, Copy)]
@@ -92,6 +92,23 @@ impl Record {
 
     pub(super) fn knot_times_s(&self) -> &[f64] {
         &self.knot_times_s
+    }
+
+    /// Middle of the places of measurement, and the sum of squares of their distances from it.
+    pub(super) fn spread(&self) -> (Vector3<f64>, Matrix3<f64>) {
+        let places = || self.observations.iter().map(|o| o.ins_m);
+        let centre = places().sum::<Vector3<f64>>() / self.observations.len().max(1) as f64;
+        let spread = places()
+            .map(|place| (place - centre) * (place - centre).transpose())
+            .sum();
+        (centre, spread)
+    }
+
+    /// Width of the path across its long axis over its length: small for a straight one.
+    pub(super) fn width_over_length(&self) -> f64 {
+        let mut squares = self.spread().1.symmetric_eigenvalues();
+        squares.as_mut_slice().sort_by(f64::total_cmp);
+        (squares[1].max(0.0) / squares[2].max(f64::MIN_POSITIVE)).sqrt()
     }
 
     /// Reckoned height of the lowest range ever.

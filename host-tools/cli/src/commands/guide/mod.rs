@@ -283,8 +283,8 @@ impl Guide {
             None => (place.position_m, Some(anywhere_m)),
         };
         let options = MapOptions {
-            // A log may come from below an anchor on a wall.
-            tag_below_flight: false,
+            // An anchor on a wall may be above the flight; then a first guess tells it from its image.
+            tag_below_flight: self.first_guess.is_none(),
             speed_m_s: self.speed,
             bias_prior_m: self.range_bias,
             bias_sigma_m: self.range_bias_sigma,
