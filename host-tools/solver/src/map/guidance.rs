@@ -48,8 +48,6 @@ const FAR_M: f64 = 8.0;
 const SURE_SHARE: f64 = 0.25;
 /// Path allowed for closing the horizontal distance, as a multiple of it.
 const REACH: f64 = 1.3;
-/// How far ahead of the vehicle a circle is aimed at, as a part of its radius.
-const CIRCLE_GAIN: f64 = 1.0;
 
 /// Direction to fly from `offset_m = vehicle - tag`, a unit vector. `sigma_m` is how well the offset
 /// is known horizontally, `path_left_m` what may still be flown.
@@ -69,12 +67,10 @@ pub(super) fn direction(
 
     // A circle is approached along a direction that turns from inward (far away) to sideways (on
     // the circle) to outward (inside it).
-    let width = (CIRCLE_GAIN * radius).max(0.15);
-    let circle = FRAC_PI_2 - ((distance - radius) / width).atan();
+    let circle = FRAC_PI_2 - ((distance - radius) / radius).atan();
     let bend = BEND * (distance / BEND_FADES_M).min(1.0);
     let gliding = height > shape.gate_m;
-    let angle = if radius > 0.0 { circle } else { 0.0 };
-    let angle = if gliding { angle.max(bend) } else { angle };
+    let angle = if gliding { circle.max(bend) } else { circle };
     let horizontal = rotated(inward, distance, -shape.side * angle);
 
     let sine = if gliding {
