@@ -405,12 +405,14 @@ fn errors_on_recorded_flights_are_within_their_sigmas_or_doubted() {
 }
 
 #[test]
-fn a_recorded_straight_flight_is_doubted() {
+fn a_recorded_straight_flight_is_doubted_or_leaves_a_large_sigma() {
     let Some(anchors) = surveyed(B1_ANCHORS, "5,") else {
         return;
     };
     let file = "B1_drone_ranges_rcv/seq5_ranges.csv";
-    on_recording(file, &B1, &anchors, |_, _, doubts| {
-        assert!(doubts.contains("weak_geometry") || doubts.contains("ambiguous"));
+    on_recording(file, &B1, &anchors, |error_m, sigma_m, doubts| {
+        let doubted = doubts.contains("weak_geometry") || doubts.contains("ambiguous");
+        // Twice the sigmas of the winding flight among the same anchors.
+        assert!(doubted || (sigma_m > 0.5 && error_m < 2.0 * sigma_m));
     });
 }

@@ -13,7 +13,7 @@ use super::record::{Growth, Record};
 use super::tuning::Tuner;
 use crate::measurement::RangeMeasurement;
 use crate::multilateration::{Height, MultilaterationOptions, multilaterate};
-use nalgebra::{Rotation3, SymmetricEigen, Unit, Vector3};
+use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Unit, Vector3};
 use std::f64::consts::{PI, TAU};
 
 /// Directions of the first search.
@@ -77,6 +77,23 @@ impl Hypotheses {
 
     pub(super) fn best(&self) -> Option<&Hypothesis> {
         self.alive.first()
+    }
+
+    /// Covariance of `tag - vehicle` about what the best explanation says, with all explanations
+    /// counted by their evidence.
+    pub(super) fn relative_covariance(&self) -> Matrix3<f64> {
+        let Some(best) = self.alive.first() else {
+            return Matrix3::zeros();
+        };
+        let place = |h: &Hypothesis| h.tag_m() + h.ins_error().0;
+        let (mut sum, mut weights) = (Matrix3::zeros(), 0.0);
+        for explanation in &self.alive {
+            let weight = (best.score() - explanation.score()).exp();
+            let off = place(explanation) - place(best);
+            sum += (explanation.relative_covariance() + off * off.transpose()) * weight;
+            weights += weight;
+        }
+        sum / weights
     }
 
     /// The runner-up.

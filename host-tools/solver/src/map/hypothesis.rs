@@ -15,7 +15,7 @@
 //! Gauss-Newton step ready.
 
 use super::elimination::{Array, Factor, GLOBAL, JOINT, KNOT, Last};
-use super::likelihood::RangeLikelihood;
+use super::likelihood::{Influence, RangeLikelihood};
 use super::noise::NoiseModel;
 use super::record::{Growth, Record};
 use super::transition::{Transition, propagate};
@@ -99,10 +99,15 @@ pub(super) struct Hypothesis {
     tuner: Tuner,
     /// `-ln` of its evidence, its noise model's prior included: what it is judged by.
     score: f64,
+    /// What the last refinement ended with: logarithm of the evidence, and outliers.
+    log_evidence: f64,
+    outliers: f64,
     /// Covariance of the newest knot and the globals.
     covariance: SMatrix<f64, JOINT, JOINT>,
     /// Information added on the tag's coordinates in a step, 1/m^2.
     damping: f64,
+    /// Part of a step that is taken.
+    reach: f64,
     /// Standard deviation added to all ranges while a start is still far off, metres.
     slack_m: f64,
     /// The knots before the last step.
@@ -120,8 +125,11 @@ impl Clone for Hypothesis {
             knots,
             tuner: self.tuner.clone(),
             score: self.score,
+            log_evidence: self.log_evidence,
+            outliers: self.outliers,
             covariance: self.covariance,
             damping: self.damping,
+            reach: self.reach,
             slack_m: self.slack_m,
             before: Vec::with_capacity(self.knots.capacity()),
         }
@@ -139,6 +147,14 @@ const NEGLIGIBLE: f64 = 1e-4;
 const EASE: f64 = 0.2;
 const TIGHTEN: f64 = 5.0;
 const LEAST_DAMPING: f64 = 0.01;
+/// Factors on the part of a step that is taken, after a success and after a failure, and the least.
+const LENGTHEN: f64 = 2.0;
+const SHORTEN: f64 = 0.3;
+const LEAST_REACH: f64 = 0.01;
+/// Ranges shorter than this have their curvature counted in the covariance, metres.
+const BENT_WITHIN_M: f64 = 8.0;
+/// Distances below this bend no more than at it, metres.
+const LEAST_DISTANCE_M: f64 = 0.1;
 /// Damping that changes neither covariance nor evidence, 1/m^2.
 const NEGLIGIBLE_DAMPING: f64 = 1e-6;
 
@@ -158,8 +174,11 @@ impl Hypothesis {
             knots: states,
             tuner,
             score: f64::INFINITY,
+            log_evidence: f64::NEG_INFINITY,
+            outliers: 0.0,
             covariance: SMatrix::zeros(),
             damping: 0.0,
+            reach: 1.0,
             slack_m: 0.0,
             before: Vec::with_capacity(capacity),
         }
@@ -246,12 +265,22 @@ impl Hypothesis {
         noise: &NoiseModel,
         factors: &mut Vec<Factor>,
     ) -> Option<Sweep> {
-        self.sweep_damped(record, noise, 0.0, factors)
+        self.sweep_as(Manner::GaussNewton { damping: 0.0 }, record, noise, factors)
     }
 
     /// `-ln` of its evidence; less is better.
     pub(super) fn score(&self) -> f64 {
         self.score
+    }
+
+    /// Logarithm of its evidence under its noise, without the noise's prior.
+    pub(super) fn log_evidence(&self) -> f64 {
+        self.log_evidence
+    }
+
+    /// How many observations it takes for outliers.
+    pub(super) fn outliers(&self) -> f64 {
+        self.outliers
     }
 
     /// Its noise and how that is adapted.
@@ -271,19 +300,15 @@ impl Hypothesis {
         self.tuner = tuner;
     }
 
-    /// The same with this much information, 1/m^2, added on each coordinate of the tag. `factors`
-    /// is left ready for [`Hypothesis::step`].
-    fn sweep_damped(
+    /// The same in this manner. `factors` is left ready for [`Hypothesis::step`].
+    fn sweep_as(
         &self,
+        manner: Manner,
         record: &Record,
         noise: &NoiseModel,
-        damping: f64,
         factors: &mut Vec<Factor>,
     ) -> Option<Sweep> {
-        let mut chain = Chain::start(self);
-        for i in 0..3 {
-            chain.array.add_diagonal(KNOT + i, damping, 0.0);
-        }
+        let mut chain = Chain::start(self, manner);
         let mut transition: Option<Transition> = None;
         let times = record.knot_times_s();
         factors.clear();
@@ -299,14 +324,14 @@ impl Hypothesis {
         chain.finish()
     }
 
-    /// Takes the step of the last sweep.
+    /// Takes the step of the last sweep, or as much of it as was safe of late.
     fn step(&mut self, sweep: &Sweep, factors: &[Factor]) {
         let mut next = [0.0; KNOT];
         let mut globals = [0.0; GLOBAL];
         next.copy_from_slice(&sweep.last.step[..KNOT]);
         globals.copy_from_slice(&sweep.last.step[KNOT..]);
         for (value, step) in self.globals.iter_mut().zip(&globals) {
-            *value += step;
+            *value += self.reach * step;
         }
         let last = self.knots.len() - 1;
         for k in (0..=last).rev() {
@@ -314,7 +339,7 @@ impl Hypothesis {
                 next = factor.back_substitute(&next, &globals);
             }
             for (value, step) in self.knots[k].iter_mut().zip(&next) {
-                *value += step;
+                *value += self.reach * step;
             }
         }
     }
@@ -322,7 +347,8 @@ impl Hypothesis {
     /// At most `iterations` Levenberg-Marquardt steps; the sweep at the place where it stopped.
     ///
     /// The damping acts on the tag alone: it is the ring of places that a short path leaves which
-    /// is bent too much for a full step, and dead reckoning follows.
+    /// is bent too much for a full step, and dead reckoning follows. Past the tag it is dead
+    /// reckoning itself that the ranges bend; there a shorter step helps, and no damping of the tag.
     pub(super) fn refine(
         &mut self,
         record: &Record,
@@ -330,7 +356,7 @@ impl Hypothesis {
         factors: &mut Vec<Factor>,
     ) -> Option<Sweep> {
         let noise = &self.tuner.noise().clone();
-        let mut here = self.sweep_damped(record, noise, self.damping, factors)?;
+        let mut here = self.sweep_as(self.manner(), record, noise, factors)?;
         for _ in 0..iterations {
             // A step held back by damping promises little, and proves nothing.
             if here.last.promised < NEGLIGIBLE && self.damping < LEAST_DAMPING {
@@ -339,16 +365,18 @@ impl Hypothesis {
             self.before.clone_from(&self.knots);
             let globals = self.globals;
             self.step(&here, factors);
-            match self.sweep_damped(record, noise, self.damping, factors) {
+            match self.sweep_as(self.manner(), record, noise, factors) {
                 Some(there) if there.cost <= here.cost => {
                     self.damping *= EASE;
+                    self.reach = (LENGTHEN * self.reach).min(1.0);
                     here = there;
                 }
                 _ => {
                     std::mem::swap(&mut self.before, &mut self.knots);
                     self.globals = globals;
                     self.damping = (TIGHTEN * self.damping).max(LEAST_DAMPING);
-                    here = self.sweep_damped(record, noise, self.damping, factors)?;
+                    self.reach = (SHORTEN * self.reach).max(LEAST_REACH);
+                    here = self.sweep_as(self.manner(), record, noise, factors)?;
                 }
             }
         }
@@ -356,8 +384,26 @@ impl Hypothesis {
             here = self.sweep(record, noise, factors)?;
         }
         self.score = here.last.promised - here.log_evidence - self.tuner.log_prior();
-        self.covariance = here.last.covariance;
+        self.log_evidence = here.log_evidence;
+        self.outliers = here.outliers;
+        // Where the curvature says that this is no minimum, the flat picture is the better one.
+        let curved = (self.is_near(record))
+            .then(|| self.sweep_as(Manner::Newton, record, noise, factors))
+            .flatten();
+        self.covariance = curved.unwrap_or(here).last.covariance;
         Some(here)
+    }
+
+    fn manner(&self) -> Manner {
+        Manner::GaussNewton {
+            damping: self.damping,
+        }
+    }
+
+    /// Whether the newest range is so short that the sphere about the tag is bent within the sigmas.
+    fn is_near(&self, record: &Record) -> bool {
+        let newest = record.observations().last();
+        newest.is_some_and(|o| o.range_m < BENT_WITHIN_M)
     }
 
     /// From a start that may be far off: first with ranges that are hardly believed, then as they
@@ -390,7 +436,7 @@ impl Hypothesis {
             return None;
         };
         let step = Transition::new(&noise.ins, t1 - t0)?;
-        let mut chain = Chain::start(self);
+        let mut chain = Chain::start(self, Manner::GaussNewton { damping: 0.0 });
         chain.interval(self, record, noise, &step, 0)?;
         let mut prior = Prior {
             at: [0.0; JOINT],
@@ -439,8 +485,21 @@ fn interval_with_places(
         .map(move |o| (o, (o.t_s - start) / length))
 }
 
+/// How a sweep linearises.
+#[derive(Debug, Clone, Copy)]
+enum Manner {
+    /// Distances are taken for straight; this much information, 1/m^2, is added on each coordinate
+    /// of the tag.
+    GaussNewton { damping: f64 },
+    /// With the curvature of the distances, `(I - u u^T) / distance` times the slope of the cost. It
+    /// is what sets the sigma straight above the tag, where `u` has next to no horizontal part; the
+    /// matrix need not be positive definite away from a minimum.
+    Newton,
+}
+
 /// A sweep under way.
 struct Chain {
+    curved: bool,
     array: Array,
     cost: f64,
     log_determinant: f64,
@@ -449,8 +508,13 @@ struct Chain {
 }
 
 impl Chain {
-    fn start(hypothesis: &Hypothesis) -> Self {
+    fn start(hypothesis: &Hypothesis, manner: Manner) -> Self {
         let mut array = Array::zeros();
+        if let Manner::GaussNewton { damping } = manner {
+            for i in 0..3 {
+                array.add_diagonal(KNOT + i, damping, 0.0);
+            }
+        }
         let spent = hypothesis.prior.spent;
         let cost = match hypothesis.knots.first() {
             Some(first) => {
@@ -459,6 +523,7 @@ impl Chain {
             None => f64::NAN,
         };
         Self {
+            curved: matches!(manner, Manner::Newton),
             array,
             cost,
             log_determinant: spent.log_determinant,
@@ -502,7 +567,12 @@ impl Chain {
             let influence = likelihood.influence(r, observation.variance_m2() + unseen + slack);
             self.cost += influence.cost;
             self.outliers += 1.0 - influence.sound;
-            sums.add(u, s, influence.information, influence.slope);
+            let curvature = if self.curved {
+                influence.slope / distance.max(LEAST_DISTANCE_M)
+            } else {
+                0.0
+            };
+            sums.add(u, s, &influence, curvature);
         }
         sums.spread(&mut self.array, &mut coupling, &mut next);
 
@@ -536,24 +606,36 @@ struct RangeSums {
 }
 
 impl RangeSums {
+    /// `curvature` counts across the line of sight.
     #[inline]
-    fn add(&mut self, u: Vector3<f64>, s: f64, information: f64, slope: f64) {
+    fn add(&mut self, u: Vector3<f64>, s: f64, influence: &Influence, curvature: f64) {
         let j = [u.x, u.y, u.z, 1.0];
         let c = 1.0 - s;
-        let weights = [
-            c * c * information,
-            s * c * information,
-            s * s * information,
-        ];
+        let along = influence.information - curvature;
+        let mut block = [[0.0; 4]; 4];
         for row in 0..4 {
             for column in 0..4 {
-                let product = j[row] * j[column];
-                for (moment, weight) in self.moments.iter_mut().zip(weights) {
-                    moment[row][column] += weight * product;
+                block[row][column] = along * j[row] * j[column];
+            }
+        }
+        // The bias is no direction: its information stays whole.
+        for i in 0..3 {
+            block[i][i] += curvature;
+            block[i][3] += curvature * j[i];
+            block[3][i] += curvature * j[i];
+        }
+        block[3][3] += curvature;
+        for (moment, weight) in self.moments.iter_mut().zip([c * c, s * c, s * s]) {
+            for (sums, terms) in moment.iter_mut().zip(&block) {
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    *sum += weight * term;
                 }
             }
-            self.pulls[0][row] += slope * c * j[row];
-            self.pulls[1][row] += slope * s * j[row];
+        }
+        for (pull, weight) in self.pulls.iter_mut().zip([c, s]) {
+            for (sum, along) in pull.iter_mut().zip(&j) {
+                *sum += influence.slope * weight * along;
+            }
         }
     }
 
@@ -582,6 +664,51 @@ impl RangeSums {
                 here.0[KNOT + j][i] += a;
                 next.0[i][KNOT + j] += b;
                 next.0[KNOT + j][i] += b;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Sums over one range of a vehicle at a third of the way, and its slope: of the tag at `tag_m`
+    /// and the vehicle at the origin.
+    fn sums(tag_m: Vector3<f64>, measured_m: f64, variance_m2: f64) -> RangeSums {
+        let distance = tag_m.norm();
+        let likelihood = RangeLikelihood {
+            outlier_probability: 0.0,
+        };
+        let influence = likelihood.influence(distance - measured_m, variance_m2);
+        let mut sums = RangeSums::default();
+        sums.add(
+            tag_m / distance,
+            1.0 / 3.0,
+            &influence,
+            influence.slope / distance,
+        );
+        sums
+    }
+
+    proptest! {
+        #[test]
+        fn curved_information_is_the_derivative_of_the_pull(
+            x in -2.0..2.0f64, y in -2.0..2.0f64, z in 0.3..3.0f64, off_m in -0.2..0.2f64,
+        ) {
+            let tag_m = Vector3::new(x, y, z);
+            let measured_m = tag_m.norm() + off_m;
+            let h = 1e-6;
+            for axis in 0..3 {
+                let mut step = Vector3::zeros();
+                step[axis] = h;
+                let [less, more] = [tag_m - step, tag_m + step].map(|t| sums(t, measured_m, 0.01));
+                for row in 0..4 {
+                    let slope = (more.pulls[0][row] - less.pulls[0][row]) / (2.0 * h) * (2.0 / 3.0);
+                    let told = sums(tag_m, measured_m, 0.01).moments[0][row][axis];
+                    prop_assert!((slope - told).abs() < 1e-3 * (1.0 + told.abs()), "{row} {axis}: {slope} {told}");
+                }
             }
         }
     }

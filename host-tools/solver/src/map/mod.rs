@@ -17,12 +17,13 @@
 //!
 //! # Known limit
 //! While the tag's place is still ambiguous, dead reckoning's noise is too: a wrong place with noise
-//! to match can explain the first twenty seconds as well as the right one does. With quiet sensors
-//! that never happened in hundreds of simulated flights; with the noisy ones of preset R it leads a
-//! few flights in a hundred astray. `docs/nova.md` has the figures.
+//! to match can explain the first twenty seconds as well as the right one does. With an accelerometer
+//! that wanders twenty times as much as preset R's, one flight in a hundred or two is led astray;
+//! `docs/nova.md` has the figures.
 
 mod elimination;
 mod guidance;
+mod height;
 mod hypotheses;
 mod hypothesis;
 mod likelihood;

@@ -52,7 +52,7 @@ const NEAREST_M: f64 = 0.5;
 const LOW_M: f64 = 8.0;
 
 /// Mistrust of ranges: at the tag, and growing with distance, 1/m.
-const MISTRUST: f64 = 1.1;
+const MISTRUST: f64 = 1.0;
 const MISTRUST_PER_M: f64 = 0.025;
 
 /// Path length over that of flying horizontally and then down, less one.
@@ -377,7 +377,7 @@ impl Navigator for MapNavigator {
         let newest = record.observations().last()?;
         let (error_m, _) = best.ins_error();
         let vehicle_m = newest.ins_m - error_m;
-        let covariance = best.relative_covariance();
+        let covariance = self.hypotheses.relative_covariance();
         let distance_m = (best.tag_m() - vehicle_m).norm();
         let rival = self
             .hypotheses

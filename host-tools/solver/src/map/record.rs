@@ -1,8 +1,9 @@
 //! All ranges so far and the grid of knots they hang on.
 
+use super::height::HeightSmoother;
 use nalgebra::{Matrix3, Vector3};
 
-/// A range and where dead reckoning was then.
+/// A range and where dead reckoning was then; its height is smoothed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Observation {
     pub(super) t_s: f64,
@@ -32,6 +33,7 @@ pub(super) struct Record {
     /// Of interval `k` (between knots `k` and `k + 1`): index of its first observation.
     first: Vec<usize>,
     lowest_m: f64,
+    heights: HeightSmoother,
 }
 
 /// What a new observation did to the knots.
@@ -51,12 +53,13 @@ impl Record {
             observations: Vec::with_capacity(16 * capacity),
             first: Vec::with_capacity(capacity),
             lowest_m: f64::INFINITY,
+            heights: HeightSmoother::new(),
         };
         record.knot_times_s.push(start_s);
         record
     }
 
-    /// Takes an observation later than all before.
+    /// Takes an observation later than all before, its height as read.
     pub(super) fn push(&mut self, observation: Observation) -> Growth {
         let intervals = self.first.len();
         let growth = match intervals.checked_sub(1) {
@@ -72,8 +75,16 @@ impl Record {
                 Growth::Added
             }
         };
-        self.lowest_m = self.lowest_m.min(observation.ins_m.z);
+        let sigma_m = observation.height_sigma_m;
+        self.heights
+            .add(observation.t_s, observation.ins_m.z, sigma_m);
         self.observations.push(observation);
+        let heights = self.heights.newest_first();
+        for (observation, height_m) in self.observations.iter_mut().rev().zip(heights) {
+            observation.ins_m.z = height_m;
+        }
+        self.lowest_m = (self.observations.last())
+            .map_or(self.lowest_m, |newest| self.lowest_m.min(newest.ins_m.z));
         growth
     }
 

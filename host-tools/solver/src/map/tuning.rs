@@ -51,6 +51,12 @@ const PARAMETERS: [Parameter; 4] = [
 const FIRST_STEP: f64 = 0.7;
 const STEPS: std::ops::RangeInclusive<f64> = 0.1..=0.7;
 
+/// Gusts that are tried now and then whatever the slope says: while they are far below what
+/// accelerometer and ranges leave unsure, the evidence is flat, and no small step finds them. m/sqrt(s).
+const LEAPS: [f64; 3] = [3e-3, 0.03, 0.1];
+/// One try in this many is a leap.
+const LEAP_EVERY: usize = 5;
+
 /// Prior of the outlier probability: one in this many.
 const OUTLIER_PRIOR: f64 = 50.0;
 /// Largest outlier probability that makes sense.
@@ -61,7 +67,7 @@ const MOST_OUTLIERS: f64 = 0.3;
 pub(super) struct Tuner {
     data_sheet: NoiseModel,
     noise: NoiseModel,
-    next: usize,
+    tries: usize,
     /// Signed logarithmic step of each parameter.
     steps: [f64; PARAMETERS.len()],
 }
@@ -71,7 +77,7 @@ impl Tuner {
         Self {
             data_sheet,
             noise: data_sheet,
-            next: 0,
+            tries: 0,
             steps: [FIRST_STEP; PARAMETERS.len()],
         }
     }
@@ -95,32 +101,51 @@ impl Tuner {
         record: &Record,
         factors: &mut Vec<Factor>,
     ) {
-        let index = self.next;
-        self.next = (self.next + 1) % PARAMETERS.len();
+        self.tries = self.tries.wrapping_add(1);
+        if self.tries.is_multiple_of(LEAP_EVERY) {
+            let mut candidate = self.noise;
+            candidate.ins.position_random_walk = LEAPS[self.tries / LEAP_EVERY % LEAPS.len()];
+            self.adopt_if_better(candidate, explanation, record, factors);
+        } else {
+            self.step(explanation, record, factors);
+        }
+        self.count_outliers(explanation.outliers(), record.observations().len());
+    }
+
+    /// One parameter a little larger or smaller.
+    fn step(&mut self, explanation: &Hypothesis, record: &Record, factors: &mut Vec<Factor>) {
+        let index = self.tries % PARAMETERS.len();
         let parameter = &PARAMETERS[index];
         let mut candidate = self.noise;
         let value = (parameter.of)(&mut candidate);
         *value = (*value * self.steps[index].exp())
             .clamp(*parameter.limits.start(), *parameter.limits.end());
-        let (Some(now), Some(then)) = (
-            explanation.sweep(record, &self.noise, factors),
-            explanation.sweep(record, &candidate, factors),
-        ) else {
-            return;
-        };
-        let gain =
-            then.log_evidence + self.log_prior_of(candidate) - now.log_evidence - self.log_prior();
-        let size = if gain > 0.0 {
-            self.noise = candidate;
-            1.5 * self.steps[index]
-        } else {
-            -0.7 * self.steps[index]
+        let size = match self.adopt_if_better(candidate, explanation, record, factors) {
+            Some(true) => 1.5 * self.steps[index],
+            Some(false) => -0.7 * self.steps[index],
+            None => return,
         };
         self.steps[index] = size
             .abs()
             .clamp(*STEPS.start(), *STEPS.end())
             .copysign(size);
-        self.count_outliers(now.outliers, record.observations().len());
+    }
+
+    /// Whether evidence times prior rose; `None` where it cannot be computed.
+    fn adopt_if_better(
+        &mut self,
+        candidate: NoiseModel,
+        explanation: &Hypothesis,
+        record: &Record,
+        factors: &mut Vec<Factor>,
+    ) -> Option<bool> {
+        let then = explanation.sweep(record, &candidate, factors)?;
+        let now = explanation.log_evidence() + self.log_prior();
+        let better = then.log_evidence + self.log_prior_of(candidate) > now;
+        if better {
+            self.noise = candidate;
+        }
+        Some(better)
     }
 
     /// Expectation-maximisation with a beta prior.
