@@ -14,6 +14,7 @@
 //! | [`time`] | 40-bit device time, wrap-safe intervals, the 512-tick grid of delayed transmissions |
 //! | [`tof`] | time of flight and clock offset from the six stamps |
 //! | [`frame`] | the bytes in the air |
+//! | [`phy`] | modes of the radio, air times, how soon a frame can be answered |
 //! | [`exchange`] | events, commands and outcomes common to both parts |
 //! | [`initiator`], [`responder`] | the two state machines |
 //!
@@ -26,6 +27,7 @@ extern crate std;
 pub mod exchange;
 pub mod frame;
 pub mod initiator;
+pub mod phy;
 pub mod responder;
 pub mod time;
 pub mod tof;
@@ -33,6 +35,7 @@ pub mod tof;
 pub use exchange::{Command, Event, Failure, Ignored, Measurement, Outcome, Step, Timing, When};
 pub use frame::{Address, Frame, FrameBuffer, FrameError, Message, PanId};
 pub use initiator::Initiator;
+pub use phy::PhyProfile;
 pub use responder::Responder;
 pub use time::{DeviceTime, Ticks};
 pub use tof::{Intervals, Stamps, TofError, TwoWay};

@@ -81,6 +81,16 @@ impl Ticks {
         Self(us as u64 * (TICKS_PER_SECOND / 100_000) / 10 % MODULUS)
     }
 
+    /// The shortest span of whole ticks that is not below `ns` nanoseconds.
+    pub const fn from_ns(ns: u64) -> Self {
+        Self::new((ns as u128 * (TICKS_PER_SECOND / 100_000) as u128).div_ceil(10_000) as u64)
+    }
+
+    /// The span in whole nanoseconds (rounded up).
+    pub const fn to_ns(self) -> u64 {
+        (self.0 * 10_000).div_ceil(TICKS_PER_SECOND / 100_000)
+    }
+
     /// The span in whole microseconds (rounded down).
     pub const fn to_us(self) -> u32 {
         (self.0 * 10 / (TICKS_PER_SECOND / 100_000)) as u32
@@ -105,6 +115,16 @@ mod tests {
         assert_eq!(Ticks::from_us(10).get(), 638_976);
         assert_eq!(Ticks::from_us(1).get(), 63_897);
         assert_eq!(Ticks::from_us(5_000_000).to_us(), 5_000_000);
+    }
+
+    #[test]
+    fn nanoseconds_are_rounded_up() {
+        // 1 ns is 63.9 ticks.
+        assert_eq!(Ticks::from_ns(1).get(), 64);
+        assert_eq!(Ticks::from_ns(10_000).get(), 638_976);
+        assert_eq!(Ticks::from_us(10).to_ns(), 10_000);
+        assert_eq!(Ticks::new(1).to_ns(), 1);
+        assert_eq!(Ticks::new(MODULUS - 1).to_ns(), 17_207_401_026);
     }
 
     #[test]
