@@ -2,8 +2,13 @@
 
 use crate::peers::MAX_PEERS;
 use nova_ranging::exchange::Identity;
-use nova_ranging::{Address, PanId, Ticks, Timing};
+use nova_ranging::frame::MAX_FRAME_LEN;
+use nova_ranging::{Address, PanId, PhyProfile, Ticks, Timing};
 use nova_wire::{ResetCause, Role};
+
+/// How much sooner than the first symbol that it has to hear the receiver is switched
+/// on: its start of 16 us (user manual, 7.2.15, RXENAB), and some.
+const LISTEN_EARLY_US: u32 = 30;
 
 /// A node's configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -143,8 +148,13 @@ impl NodeConfig {
     }
 
     pub(crate) fn timing(&self) -> Timing {
+        let profile = PhyProfile::DEFAULT;
+        let frames =
+            profile.marker_to_end(MAX_FRAME_LEN).to_us() + profile.preamble_to_marker().to_us();
+        let silence_us = self.reply_us.saturating_sub(frames + 2);
         Timing {
             reply: Ticks::from_us(self.reply_us),
+            listen_after_us: silence_us.saturating_sub(LISTEN_EARLY_US),
             // The other's reply time and a frame, twice over: one time-out
             // costs less than ranges lost to a busy peer.
             answer_timeout_us: 2 * self.reply_us + 400,

@@ -12,11 +12,12 @@
 //!   node.rs        Node: deadlines, counters, records
 //!                     │ commands, events
 //!   radio.rs       Radio: DW1000 registers, time stamps, late sends, recovery
-//!                     │ SPI
+//!                     │ SPI: access.rs for what every frame needs, dw1000::ll for the rest
 //!   bus.rs         RadioBus: what a board must provide
 //! ```
 #![no_std]
 
+mod access;
 mod bus;
 mod config;
 mod diagnostics;

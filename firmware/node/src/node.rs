@@ -11,6 +11,7 @@ use embedded_hal::digital::OutputPin;
 use nova_ranging::tof::SPEED_OF_LIGHT_AIR_M_PER_S;
 use nova_ranging::{
     Address, Command, Event, Failure, Ignored, Initiator, Measurement, Outcome, Responder, Step,
+    Then,
 };
 use nova_wire::{Boot, Counters, Quality, Range, RangeFlags, Record, Status};
 
@@ -95,6 +96,7 @@ enum Doing {
     Nothing,
     Sending {
         until_us: u64,
+        then: Then,
     },
     Listening {
         until_us: u64,
@@ -320,10 +322,16 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 };
             }
             Command::KeepListening => self.keep_listening(now_us)?,
-            Command::Send { frame, when } => {
-                let on_time = self.radio.send(&frame, when)?;
+            Command::Wait => {
+                if let Doing::Sending { then, .. } = self.doing {
+                    self.doing = after_sending(then, now_us);
+                }
+            }
+            Command::Send { frame, when, then } => {
+                let on_time = self.radio.send(&frame, when, then)?;
                 self.doing = Doing::Sending {
                     until_us: now_us + u64::from(self.config.reply_us) + SEND_GUARD_US,
+                    then,
                 };
                 return Ok(on_time);
             }
@@ -352,7 +360,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 
     fn check_deadlines(&mut self, now_us: u64) {
         let missed = match self.doing {
-            Doing::Sending { until_us } => now_us >= until_us,
+            Doing::Sending { until_us, .. } => now_us >= until_us,
             Doing::Listening { until_us } => now_us >= until_us + LISTEN_GUARD_US,
             Doing::Nothing | Doing::ListeningForEver { .. } | Doing::Down { .. } => false,
         };
@@ -439,7 +447,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let radio_us = match (self.doing, &self.playing) {
             (Doing::Nothing, Playing::Initiator { next_us, .. }) => *next_us,
             (Doing::Nothing, Playing::Responder(_)) => u64::MAX,
-            (Doing::Sending { until_us }, _) => until_us,
+            (Doing::Sending { until_us, .. }, _) => until_us,
             (Doing::Listening { until_us }, _) => until_us + LISTEN_GUARD_US,
             (Doing::ListeningForEver { refresh_us }, _) => refresh_us.min(self.next_check_us),
             (Doing::Down { retry_us }, _) => retry_us,
@@ -549,6 +557,24 @@ impl Playing {
             Self::Initiator { machine, .. } => machine.is_idle(),
             Self::Responder(machine) => machine.is_idle(),
         }
+    }
+}
+
+/// What the radio is at once a frame has gone.
+fn after_sending(then: Then, now_us: u64) -> Doing {
+    match then {
+        Then::Idle => Doing::Nothing,
+        Then::Listen {
+            after_us,
+            timeout_us: Some(us),
+        } => Doing::Listening {
+            until_us: now_us + u64::from(after_us) + u64::from(us),
+        },
+        Then::Listen {
+            timeout_us: None, ..
+        } => Doing::ListeningForEver {
+            refresh_us: now_us + LISTEN_REFRESH_US,
+        },
     }
 }
 

@@ -1,9 +1,14 @@
 //! The DW1000: configured once, then touched as little as possible.
 //!
-//! Registers are reached through `dw1000::ll`. Its high-level interface is not
-//! used: it sets some twenty registers anew for every frame, accepts frames
-//! with a bad check sequence and notices a late transmission only afterwards.
+//! Registers are reached through `dw1000::ll`, those that every frame needs
+//! through `access.rs`. The high-level interface of `dw1000` is not used: it sets
+//! some twenty registers anew for every frame, accepts frames with a bad check
+//! sequence and notices a late transmission only afterwards.
+//!
+//! While a frame waits for its answer only what the answer needs crosses the bus.
+//! Time-outs, diagnostics and the clearing of events come when it is on its way.
 
+use crate::access::{self, ctrl, header, status};
 use crate::bus::{Legacy, NoPin, RadioBus, SpiSpeed};
 use crate::config::AntennaDelay;
 use crate::diagnostics::Reception;
@@ -11,7 +16,7 @@ use crate::phy;
 use dw1000::ll;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::OutputPin;
-use nova_ranging::{DeviceTime, When};
+use nova_ranging::{DeviceTime, Then, When};
 
 /// A DW1000 and the lines to it.
 pub(crate) struct Radio<B, R, D> {
@@ -19,6 +24,20 @@ pub(crate) struct Radio<B, R, D> {
     reset: R,
     delay: D,
     antenna_delay: AntennaDelay,
+    set: Set,
+    /// A frame was taken out of the radio whose events it still shows.
+    taken: bool,
+}
+
+/// Registers that change from frame to frame, as they are in the radio.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Set {
+    /// W4R_TIM.
+    listen_after: u32,
+    /// RX_FWTO.
+    timeout: u16,
+    /// Whether SYS_CFG lets it end a reception.
+    timeout_on: bool,
 }
 
 /// What the radio has done.
@@ -100,22 +119,24 @@ const STAMP_TRIES: usize = 10;
 /// Crystal trim for crystals without a value of their own: the middle of 0 to 31.
 const MID_RANGE_TRIM: u8 = 0x10;
 
+/// The most that W4R_TIM holds: 20 bits (7.2.28).
+const W4R_TIM_MAX: u32 = 0xF_FFFF;
+
 /// Length of the frame check sequence that the radio adds and checks.
 const FCS_LEN: u8 = 2;
 
-/// Registers that `dw1000::ll` does not have: SPI header for writing.
-mod header {
-    /// RX_FWTO: receive frame wait timeout, in units of 512/499.2 us (7.2.14).
-    pub(super) const WRITE_RX_FWTO: u8 = 0x80 | 0x0C;
-    /// TX_BUFFER, written without the rest of its 127 bytes.
-    pub(super) const WRITE_TX_BUFFER: u8 = 0x80 | 0x09;
-    /// RX_BUFFER, read without the rest of its 127 bytes.
-    pub(super) const READ_RX_BUFFER: u8 = 0x11;
-    /// AGC_TUNE3, register 0x23:12 (7.2.36.7).
-    pub(super) const WRITE_AGC_TUNE3: [u8; 2] = [0x80 | 0x40 | 0x23, 0x12];
-    /// FS_XTALT: crystal trim, register 0x2B:0E (7.2.44.5).
-    pub(super) const WRITE_FS_XTALT: [u8; 2] = [0x80 | 0x40 | 0x2B, 0x0E];
-}
+/// TX_FCTRL above the frame's length: rate, ranging bit, pulse repetition frequency
+/// and preamble (7.2.10).
+const TX_FCTRL: u32 = (phy::RATE_6800_KBPS as u32) << 13
+    | 1 << 15
+    | (phy::PRF_64_MHZ as u32) << 16
+    | (phy::PREAMBLE_128_TXPSR as u32) << 18
+    | (phy::PREAMBLE_128_PE as u32) << 20;
+
+/// AGC_TUNE3, register 0x23:12, which `dw1000::ll` does not have (7.2.36.7).
+const WRITE_AGC_TUNE3: [u8; 2] = [0x80 | 0x40 | 0x23, 0x12];
+/// FS_XTALT: crystal trim, register 0x2B:0E (7.2.44.5).
+const WRITE_FS_XTALT: [u8; 2] = [0x80 | 0x40 | 0x2B, 0x0E];
 
 impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     /// A radio that is not started yet.
@@ -125,6 +146,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             reset,
             delay,
             antenna_delay,
+            set: Set::default(),
+            taken: false,
         }
     }
 
@@ -142,82 +165,86 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         Ok(())
     }
 
-    /// Sends a frame. `Ok(false)` means that the time for it had passed; the
-    /// radio is idle then.
-    pub(crate) fn send(&mut self, frame: &[u8], when: When) -> Result<bool, RadioError> {
+    /// Sends a frame; the radio then does by itself what `then` says. `Ok(false)`
+    /// means that the time for it had passed; the radio is idle then.
+    pub(crate) fn send(
+        &mut self,
+        frame: &[u8],
+        when: When,
+        then: Then,
+    ) -> Result<bool, RadioError> {
         self.write_tx_buffer(frame)?;
-        let len = frame.len() as u8 + FCS_LEN;
-        ll!(self.ll().tx_fctrl().write(|w| {
-            w.tflen(len)
-                .txbr(phy::RATE_6800_KBPS)
-                .tr(1)
-                .txprf(phy::PRF_64_MHZ)
-                .txpsr(phy::PREAMBLE_128_TXPSR)
-                .pe(phy::PREAMBLE_128_PE)
-        }))?;
-        let When::At(start) = when else {
-            ll!(self.ll().sys_ctrl().write(|w| w.txstrt(1)))?;
-            return Ok(true);
-        };
-        ll!(self.ll().dx_time().write(|w| w.value(start.ticks())))?;
-        ll!(self.ll().sys_ctrl().write(|w| w.txstrt(1).txdlys(1)))?;
-        // A start in the past would come true after a wrap, 17 s from now; one
-        // with too little time to power up would go out damaged (7.2.17) or
-        // never end (application note APS022, section 5.4).
-        let status = ll!(self.ll().sys_status().read())?;
-        let late = status.hpdwarn() == 1 || status.txpute() == 1;
-        if late {
-            self.switch_off()?;
+        let len = u32::from(frame.len() as u8 + FCS_LEN);
+        let [a, b, c, d] = (TX_FCTRL | len).to_le_bytes();
+        self.write_raw(&[header::WRITE_TX_FCTRL, a, b, c, d])?;
+        let mut command = ctrl::TXSTRT;
+        if let When::At(start) = when {
+            let [a, b, c, d, e, ..] = start.ticks().to_le_bytes();
+            self.write_raw(&[header::WRITE_DX_TIME, a, b, c, d, e])?;
+            command |= ctrl::TXDLYS;
         }
-        Ok(!late)
+        if let Then::Listen { .. } = then {
+            command |= ctrl::WAIT4RESP;
+        }
+        self.write_raw(&[header::WRITE_SYS_CTRL, command])?;
+        if let When::At(_) = when
+            && self.is_late()?
+        {
+            self.switch_off()?;
+            return Ok(false);
+        }
+        // From here on there is time: the preamble has yet to go.
+        if let Then::Listen {
+            after_us,
+            timeout_us,
+        } = then
+        {
+            self.set_listen_after(after_us)?;
+            self.set_timeout(timeout_us)?;
+        }
+        self.clear_taken()?;
+        Ok(true)
     }
 
     /// Switches the receiver on.
     pub(crate) fn listen(&mut self, timeout_us: Option<u32>) -> Result<(), RadioError> {
-        if let Some(us) = timeout_us {
-            // One count is 1.026 us, and what 0 means is not said (7.2.14).
-            // Reply times are bounded so that their time-outs fit.
-            let counts = (u64::from(us) * 39 / 40).clamp(1, 0xFFFF) as u16;
-            let [low, high] = counts.to_le_bytes();
-            self.write_raw(&[header::WRITE_RX_FWTO, low, high])?;
-        }
-        self.write_sys_cfg(timeout_us.is_some())?;
-        ll!(self.ll().sys_ctrl().write(|w| w.rxenab(1)))
+        self.set_timeout(timeout_us)?;
+        self.clear_taken()?;
+        self.write_raw(&[header::WRITE_SYS_CTRL, 0, ctrl::RXENAB_1])
     }
 
     /// Switches transmitter and receiver off and forgets what they did.
     pub(crate) fn switch_off(&mut self) -> Result<(), RadioError> {
-        ll!(self.ll().sys_ctrl().write(|w| w.trxoff(1)))?;
+        self.write_raw(&[header::WRITE_SYS_CTRL, ctrl::TRXOFF])?;
         self.clear_status()
     }
 
-    /// What has happened since the last call, one event at a time.
+    /// What has happened since the last call, one event at a time. A frame received
+    /// counts as long as it is not followed by [`Radio::send`], [`Radio::listen`] or
+    /// [`Radio::switch_off`].
     pub(crate) fn poll<'b>(
         &mut self,
         buffer: &'b mut RxBuffer,
     ) -> Result<Option<RadioEvent<'b>>, RadioError> {
-        let status = ll!(self.ll().sys_status().read())?;
+        let now = self.status()?;
         // The radio's address filter is off: only a bus that nobody drives
         // reads like this.
-        if status.affrej() == 1 {
+        if now & status::AFFREJ != 0 {
             return Err(RadioError::SettingsLost);
         }
-        if status.txfrs() == 1 {
-            let stamp = ll!(self.ll().tx_time().read())?.tx_stamp();
-            self.clear_status()?;
-            let at = DeviceTime::from_ticks(stamp);
+        if now & status::TXFRS != 0 {
+            let at = self.stamp(header::READ_TX_TIME)?;
+            // A reception may have begun meanwhile: its events stay.
+            self.write_raw(&[header::WRITE_SYS_STATUS, status::TRANSMITTED as u8])?;
             return Ok(Some(RadioEvent::Sent { at }));
         }
-        let good = status.rxfcg() == 1;
-        if good && self.is_stamped(status.ldedone() == 1, status.ldeerr() == 1)? {
+        let good = now & status::RXFCG != 0;
+        if good && self.is_stamped(now)? {
             return self.take_frame(buffer).map(Some);
         }
-        let damaged = good
-            || status.rxphe() == 1
-            || status.rxfce() == 1
-            || status.rxrfsl() == 1
-            || status.rxsfdto() == 1;
-        if damaged || status.rxrfto() == 1 {
+        const BROKEN: u32 = status::RXPHE | status::RXFCE | status::RXRFSL | status::RXSFDTO;
+        let damaged = good || now & BROKEN != 0;
+        if damaged || now & status::RXRFTO != 0 {
             self.switch_off()?;
             // Without it, time stamps of later frames can be wrong (4.1.6).
             self.reset_receiver()?;
@@ -262,21 +289,23 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     }
 
     /// Whether the leading-edge search has given the frame a time stamp.
-    fn is_stamped(&mut self, mut done: bool, mut failed: bool) -> Result<bool, RadioError> {
+    fn is_stamped(&mut self, mut now: u32) -> Result<bool, RadioError> {
         for _ in 0..STAMP_TRIES {
-            if done || failed {
+            if now & (status::LDEDONE | status::LDEERR) != 0 {
                 break;
             }
-            let status = ll!(self.ll().sys_status().read())?;
-            (done, failed) = (status.ldedone() == 1, status.ldeerr() == 1);
+            now = self.status()?;
         }
-        Ok(done && !failed)
+        Ok(now & status::LDEDONE != 0 && now & status::LDEERR == 0)
     }
 
     fn take_frame<'b>(&mut self, buffer: &'b mut RxBuffer) -> Result<RadioEvent<'b>, RadioError> {
-        let info = ll!(self.ll().rx_finfo().read())?;
-        let stamp = ll!(self.ll().rx_time().read())?.rx_stamp();
-        let len = usize::from(info.rxflen().saturating_sub(FCS_LEN)).min(RX_BUFFER_LEN);
+        let [_, low, high, _, _] =
+            access::read(&mut self.bus, [header::READ_RX_FINFO, 0, 0, 0, 0])?;
+        // RXFLEN and RXFLE: ten bits.
+        let len = u16::from_le_bytes([low, high & 0x03]);
+        let len = usize::from(len.saturating_sub(FCS_LEN.into())).min(RX_BUFFER_LEN);
+        let at = self.stamp(header::READ_RX_TIME)?;
         let transfer = buffer.get_mut(..=len).ok_or(RadioError::Bus)?;
         if let Some(first) = transfer.first_mut() {
             *first = header::READ_RX_BUFFER;
@@ -288,10 +317,74 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
                 .transfer_in_place(transfer)
                 .map_err(|_| RadioError::Bus)?;
         }
-        self.clear_status()?;
+        self.taken = true;
         let bytes = buffer.get(1..=len).ok_or(RadioError::Bus)?;
-        let at = DeviceTime::from_ticks(stamp);
         Ok(RadioEvent::Received { bytes, at })
+    }
+
+    /// Whether the delayed transmission just asked for is.
+    ///
+    /// A start in the past would come true after a wrap, 17 s from now; one with too
+    /// little time to power up would go out damaged (7.2.17) or never end (application
+    /// note APS022, section 5.4).
+    fn is_late(&mut self) -> Result<bool, RadioError> {
+        let [register, sub] = header::READ_SYS_STATUS_3;
+        let [_, _, low, high] = access::read(&mut self.bus, [register, sub, 0, 0])?;
+        let warnings = u16::from_le_bytes([low, high]);
+        Ok(warnings & (status::HPDWARN_3 | status::TXPUTE_3) != 0)
+    }
+
+    /// The low four bytes of SYS_STATUS.
+    fn status(&mut self) -> Result<u32, RadioError> {
+        let [_, a, b, c, d] = access::read(&mut self.bus, [header::READ_SYS_STATUS, 0, 0, 0, 0])?;
+        Ok(u32::from_le_bytes([a, b, c, d]))
+    }
+
+    /// The 40 bits that RX_TIME and TX_TIME begin with.
+    fn stamp(&mut self, register: u8) -> Result<DeviceTime, RadioError> {
+        let [_, a, b, c, d, e] = access::read(&mut self.bus, [register, 0, 0, 0, 0, 0])?;
+        let ticks = u64::from_le_bytes([a, b, c, d, e, 0, 0, 0]);
+        Ok(DeviceTime::from_ticks(ticks))
+    }
+
+    /// Sets how long after a frame sent the receiver goes on by itself.
+    fn set_listen_after(&mut self, us: u32) -> Result<(), RadioError> {
+        let counts = timer_counts(us).min(W4R_TIM_MAX);
+        if counts != self.set.listen_after {
+            let [a, b, c, d] = counts.to_le_bytes();
+            self.write_raw(&[header::WRITE_ACK_RESP_T, a, b, c, d])?;
+            self.set.listen_after = counts;
+        }
+        Ok(())
+    }
+
+    /// Sets how long the receiver stays on.
+    fn set_timeout(&mut self, us: Option<u32>) -> Result<(), RadioError> {
+        if let Some(us) = us {
+            // What 0 means is not said (7.2.14). Reply times are bounded so that
+            // their time-outs fit.
+            let counts = timer_counts(us).clamp(1, 0xFFFF) as u16;
+            if counts != self.set.timeout {
+                let [low, high] = counts.to_le_bytes();
+                self.write_raw(&[header::WRITE_RX_FWTO, low, high])?;
+                self.set.timeout = counts;
+            }
+        }
+        if us.is_some() != self.set.timeout_on {
+            self.write_sys_cfg(us.is_some())?;
+            self.set.timeout_on = us.is_some();
+        }
+        Ok(())
+    }
+
+    /// Forgets the events of a frame that was taken, so that they are not taken for
+    /// those of the next.
+    fn clear_taken(&mut self) -> Result<(), RadioError> {
+        if core::mem::take(&mut self.taken) {
+            let [a, b, c, d] = status::RECEIVED.to_le_bytes();
+            self.write_raw(&[header::WRITE_SYS_STATUS, a, b, c, d])?;
+        }
+        Ok(())
     }
 
     fn hard_reset(&mut self) -> Result<(), RadioError> {
@@ -337,7 +430,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             0 => MID_RANGE_TRIM,
             trim => trim,
         };
-        let [register, sub] = header::WRITE_FS_XTALT;
+        let [register, sub] = WRITE_FS_XTALT;
         self.write_raw(&[register, sub, 0x60 | trim])?;
         ll!(self.ll().otp_ctrl().write(|w| w.ldeload(1)))?;
         self.delay.delay_us(150);
@@ -357,7 +450,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     fn configure(&mut self) -> Result<(), RadioError> {
         let AntennaDelay { tx_ticks, rx_ticks } = self.antenna_delay;
         self.write_sys_cfg(false)?;
-        let [register, sub] = header::WRITE_AGC_TUNE3;
+        // What a reset leaves.
+        self.set = Set::default();
+        let [register, sub] = WRITE_AGC_TUNE3;
         let [low, high] = phy::AGC_TUNE3.to_le_bytes();
         self.write_raw(&[register, sub, low, high])?;
         let mut ll = self.ll();
@@ -439,29 +534,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     /// Clears all events of transmitter and receiver. HPDWARN, TXPUTE and
     /// RXOVRR are read-only and end with their cause (7.2.17).
     fn clear_status(&mut self) -> Result<(), RadioError> {
-        ll!(self.ll().sys_status().write(|w| {
-            w.aat(1)
-                .txfrb(1)
-                .txprs(1)
-                .txphs(1)
-                .txfrs(1)
-                .rxprd(1)
-                .rxsfdd(1)
-                .ldedone(1)
-                .rxphd(1)
-                .rxphe(1)
-                .rxdfr(1)
-                .rxfcg(1)
-                .rxfce(1)
-                .rxrfsl(1)
-                .rxrfto(1)
-                .ldeerr(1)
-                .rxpto(1)
-                .rxsfdto(1)
-                .txberr(1)
-                .affrej(1)
-                .rxprej(1)
-        }))
+        self.taken = false;
+        let [a, b, c, d] = (status::TRANSMITTED | status::RECEIVED).to_le_bytes();
+        self.write_raw(&[header::WRITE_SYS_STATUS, a, b, c, d])
     }
 
     fn write_tx_buffer(&mut self, frame: &[u8]) -> Result<(), RadioError> {
@@ -477,10 +552,15 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     }
 
     fn write_raw(&mut self, bytes: &[u8]) -> Result<(), RadioError> {
-        self.bus.write(bytes).map_err(|_| RadioError::Bus)
+        access::write(&mut self.bus, bytes)
     }
 
     fn ll(&mut self) -> ll::DW1000<Legacy<'_, B>, NoPin> {
         ll::DW1000::new(Legacy(&mut self.bus), NoPin)
     }
+}
+
+/// Microseconds in the radio's timers' unit of 512/499.2 MHz = 1.0256 us, rounded down.
+fn timer_counts(us: u32) -> u32 {
+    (u64::from(us) * 39 / 40) as u32
 }

@@ -47,12 +47,16 @@ pub enum Command {
     },
     /// Go on listening until the time-out that already runs.
     KeepListening,
+    /// Nothing: the radio does already what it was told to do next.
+    Wait,
     /// Send a frame; end with [`Event::Sent`] or [`Event::SendTooLate`].
     Send {
         /// The frame without its check sequence.
         frame: FrameBuffer,
         /// When.
         when: When,
+        /// What the radio does by itself afterwards.
+        then: Then,
     },
 }
 
@@ -66,6 +70,22 @@ pub enum When {
     /// [grid of delayed transmissions](crate::time::DELAYED_GRID). The frame's
     /// time stamp will be this plus the antenna delay.
     At(DeviceTime),
+}
+
+/// What the radio does by itself when it has sent a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Then {
+    /// Nothing.
+    Idle,
+    /// It listens.
+    Listen {
+        /// From the end of the frame sent to the receiver switched on, in microseconds.
+        after_us: u32,
+        /// How long the receiver is on, in microseconds; [`Event::ListenTimeout`] then.
+        /// For ever if `None`.
+        timeout_us: Option<u32>,
+    },
 }
 
 /// The answer to an event.
@@ -160,8 +180,9 @@ pub struct Timing {
     /// From a frame received to the answer sent. Long enough for the rest of
     /// the frame, interrupt, SPI and the answer's preamble.
     pub reply: Ticks,
-    /// How long to listen for an answer, from the moment one's own frame has
-    /// gone, in microseconds.
+    /// From the end of one's own frame until its answer can begin, in microseconds.
+    pub listen_after_us: u32,
+    /// How long to listen for an answer from then on, in microseconds.
     pub answer_timeout_us: u32,
     /// What the radio adds to the start of a transmission to stamp it.
     pub tx_antenna_delay: Ticks,
@@ -173,6 +194,14 @@ impl Timing {
     pub(crate) fn answer_to(&self, received: DeviceTime) -> (When, DeviceTime) {
         let start = received.after(self.reply).on_delayed_grid();
         (When::At(start), start.after(self.tx_antenna_delay))
+    }
+
+    /// To listen for the answer to a frame.
+    pub(crate) fn for_answer(&self) -> Then {
+        Then::Listen {
+            after_us: self.listen_after_us,
+            timeout_us: Some(self.answer_timeout_us),
+        }
     }
 }
 

@@ -3,11 +3,11 @@
 //! ```text
 //!              start                    Sent                        response
 //!   Idle ─────────────► SendingPoll ───────────► AwaitingResponse ────────────┐
-//!    ▲  send poll now                listen        │ timeout: NoResponse      │ send final
-//!    │                                             │                          │ at t4 + reply
-//!    ├─────────────────────────────────────────────┘                          ▼
+//!    ▲  send poll now,                             │ timeout: NoResponse      │ send final
+//!    │  then listen                                │                          │ at t4 + reply,
+//!    ├─────────────────────────────────────────────┘                          ▼ then listen
 //!    ├───────────────────────────── SendTooLate, SendTimeMismatch ──── SendingFinal
-//!    │                                                                        │ Sent: listen
+//!    │                                                                        │ Sent
 //!    │  report: Measured; timeout: NoReport                                   ▼
 //!    └─────────────────────────────────────────────────────────────── AwaitingReport
 //! ```
@@ -98,14 +98,14 @@ impl Initiator {
         match (self.state, event) {
             (State::SendingPoll { peer }, Event::Sent { at }) => {
                 self.state = State::AwaitingResponse { peer, poll_tx: at };
-                self.listen()
+                Step::command(Command::Wait)
             }
             (State::SendingFinal { final_tx, .. }, Event::Sent { at }) if at != final_tx => {
                 self.fail(Failure::SendTimeMismatch)
             }
             (State::SendingFinal { half, .. }, Event::Sent { .. }) => {
                 self.state = State::AwaitingReport { half };
-                self.listen()
+                Step::command(Command::Wait)
             }
             (State::SendingPoll { .. } | State::SendingFinal { .. }, Event::SendTooLate) => {
                 self.fail(Failure::SendTooLate)
@@ -208,13 +208,8 @@ impl Initiator {
         Command::Send {
             frame: frame.encode(),
             when,
+            then: self.timing.for_answer(),
         }
-    }
-
-    fn listen(&self) -> Step {
-        Step::command(Command::Listen {
-            timeout_us: Some(self.timing.answer_timeout_us),
-        })
     }
 
     fn fail(&mut self, why: Failure) -> Step {

@@ -32,7 +32,9 @@ pub mod responder;
 pub mod time;
 pub mod tof;
 
-pub use exchange::{Command, Event, Failure, Ignored, Measurement, Outcome, Step, Timing, When};
+pub use exchange::{
+    Command, Event, Failure, Ignored, Measurement, Outcome, Step, Then, Timing, When,
+};
 pub use frame::{Address, Frame, FrameBuffer, FrameError, Message, PanId};
 pub use initiator::Initiator;
 pub use phy::PhyProfile;

@@ -3,10 +3,11 @@
 //! ```text
 //!               poll                              Sent
 //!   Listening ─────────────► SendingResponse ───────────► AwaitingFinal ◄─┐ polled again:
-//!     ▲  send response          │ SendTooLate    listen      │   │  └─────┘ Superseded
-//!     │  at t2 + reply          │                            │   │ final
+//!     ▲  send response          │ SendTooLate                │   │  └─────┘ Superseded
+//!     │  at t2 + reply,         │                            │   │ final
+//!     │  then listen            │                            │   │
 //!     ├─────────────────────────┘                            │   │ send report
-//!     ├──────────────────────────────────────────────────────┘   ▼ at t6 + reply
+//!     ├──────────────────────────────────────────────────────┘   ▼ at t6 + reply, then listen
 //!     │                               timeout: NoFinal      SendingReport
 //!     │  Sent: Measured                                          │
 //!     └──────────────────────────────────────────────────────────┘
@@ -18,7 +19,7 @@
 //! or later.
 
 use crate::exchange::{
-    Command, Event, Failure, Identity, Ignored, Measurement, Outcome, Step, Timing, When,
+    Command, Event, Failure, Identity, Ignored, Measurement, Outcome, Step, Then, Timing, When,
 };
 use crate::frame::{Address, Frame, Message};
 use crate::time::{DeviceTime, TICKS_PER_SECOND, Ticks};
@@ -118,9 +119,7 @@ impl Responder {
                     reply: at.since(poll_rx),
                     response_tx: at,
                 };
-                Step::command(Command::Listen {
-                    timeout_us: Some(self.timing.answer_timeout_us),
-                })
+                Step::command(Command::Wait)
             }
             (
                 State::AwaitingFinal {
@@ -182,15 +181,19 @@ impl Responder {
                     result,
                 },
                 Event::Sent { .. },
-            ) => self.end(match result {
-                Ok(two_way) => Outcome::Measured(Measurement {
-                    peer: with.peer,
-                    exchange: with.exchange,
-                    at: response_tx,
-                    two_way,
-                }),
-                Err(error) => Outcome::Failed(Failure::Tof(error)),
-            }),
+            ) => {
+                self.state = State::Listening;
+                let outcome = match result {
+                    Ok(two_way) => Outcome::Measured(Measurement {
+                        peer: with.peer,
+                        exchange: with.exchange,
+                        at: response_tx,
+                        two_way,
+                    }),
+                    Err(error) => Outcome::Failed(Failure::Tof(error)),
+                };
+                Step::with(Command::Wait, outcome)
+            }
             (State::SendingResponse { .. } | State::SendingReport { .. }, Event::SendTooLate) => {
                 self.end(Outcome::Failed(Failure::SendTooLate))
             }
@@ -229,7 +232,7 @@ impl Responder {
         };
         let (when, _) = self.timing.answer_to(at);
         self.state = State::SendingResponse { with, poll_rx: at };
-        self.send(with, Message::Response, when)
+        self.send(with, Message::Response, when, self.timing.for_answer())
     }
 
     fn report(
@@ -250,10 +253,15 @@ impl Responder {
         };
         // Not at once: the initiator needs its time to switch its receiver on.
         let (when, _) = self.timing.answer_to(final_rx);
-        self.send(with, message, when)
+        // And then for polls again.
+        let then = Then::Listen {
+            after_us: 0,
+            timeout_us: None,
+        };
+        self.send(with, message, when, then)
     }
 
-    fn send(&mut self, with: Partner, message: Message, when: When) -> Command {
+    fn send(&mut self, with: Partner, message: Message, when: When, then: Then) -> Command {
         self.sequence = self.sequence.wrapping_add(1);
         let frame = Frame {
             sequence: self.sequence,
@@ -266,6 +274,7 @@ impl Responder {
         Command::Send {
             frame: frame.encode(),
             when,
+            then,
         }
     }
 

@@ -7,7 +7,7 @@ use nova_ranging::frame::FrameBuffer;
 use nova_ranging::time::{DELAYED_GRID, MODULUS, TICKS_PER_SECOND};
 use nova_ranging::{
     Address, Command, DeviceTime, Event, Failure, Frame, Ignored, Initiator, Measurement, Message,
-    Outcome, PanId, Responder, Step, Ticks, Timing, When,
+    Outcome, PanId, Responder, Step, Then, Ticks, Timing, When,
 };
 use proptest::prelude::*;
 
@@ -23,6 +23,7 @@ fn identity(address: Address) -> Identity {
 fn timing() -> Timing {
     Timing {
         reply: Ticks::from_us(600),
+        listen_after_us: 100,
         answer_timeout_us: 2_000,
         tx_antenna_delay: Ticks::new(ANTENNA_DELAY),
     }
@@ -64,7 +65,7 @@ fn depart(clock: &Clock, when: When, now: f64) -> (f64, Event<'static>) {
 
 fn transmission(step: Step) -> (FrameBuffer, When) {
     match step.command {
-        Command::Send { frame, when } => (frame, when),
+        Command::Send { frame, when, .. } => (frame, when),
         other => panic!("expected a transmission, got {other:?}"),
     }
 }
@@ -78,17 +79,22 @@ fn exchange(
     tof: f64,
     start: f64,
 ) -> (Measurement, Measurement) {
-    let Command::Send { frame: poll, when } = initiator.start(B) else {
+    let Command::Send {
+        frame: poll,
+        when,
+        then,
+    } = initiator.start(B)
+    else {
         panic!("a start must send a poll");
     };
+    let for_answer = Then::Listen {
+        after_us: 100,
+        timeout_us: Some(2_000),
+    };
+    assert_eq!(then, for_answer);
     let (t, sent) = depart(&clock_a, when, start);
     let step = initiator.on_event(sent);
-    assert_eq!(
-        step.command,
-        Command::Listen {
-            timeout_us: Some(2_000)
-        }
-    );
+    assert_eq!(step.command, Command::Wait);
 
     let t = t + tof;
     let (response, when) = transmission(responder.on_event(Event::Received {
@@ -113,7 +119,7 @@ fn exchange(
     }));
     let (t, sent) = depart(&clock_b, when, t);
     let at_b = responder.on_event(sent);
-    assert_eq!(at_b.command, Command::Listen { timeout_us: None });
+    assert_eq!(at_b.command, Command::Wait);
 
     let t = t + tof;
     let at_a = initiator.on_event(Event::Received {
