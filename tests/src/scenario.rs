@@ -294,12 +294,9 @@ impl Scenario {
             }
         }
         if let Some(flags) = e.flags
-            && let Some(range) = ranges.iter().find(|r| r.quality.flags.0 & flags != flags)
+            && let Some(range) = ranges.iter().find(|r| r.flags.0 & flags != flags)
         {
-            miss(format!(
-                "flags {:#b} instead of {flags:#b}",
-                range.quality.flags.0
-            ));
+            miss(format!("flags {:#b} instead of {flags:#b}", range.flags.0));
         }
         let counters = toml::Table::try_from(log.counters).map_err(|error| error.to_string())?;
         for (name, [least, most]) in &e.counters {

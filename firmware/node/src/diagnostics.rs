@@ -2,6 +2,7 @@
 
 use crate::phy;
 use micromath::F32Ext;
+use nova_wire::Quality;
 
 /// The radio's measures of one reception, as its registers give them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,6 +16,14 @@ pub(crate) struct Reception {
     pub(crate) preamble_count: u16,
     /// RXPACC_NOSAT: the same without saturation.
     pub(crate) preamble_count_unsaturated: u16,
+    /// STD_NOISE: standard deviation of the noise in the channel impulse response.
+    pub(crate) noise: u16,
+    /// FP_INDEX: where the first path is in it, in 64ths of a sample.
+    pub(crate) first_path_index: u16,
+    /// PP_INDEX: where its strongest sample is.
+    pub(crate) peak_index: u16,
+    /// DRX_CAR_INT: positive when the sender's clock is slower than ours.
+    pub(crate) carrier_integrator: i32,
 }
 
 impl Reception {
@@ -37,18 +46,39 @@ impl Reception {
         decibel(squares, self.symbols())
     }
 
+    /// All of it, for the host. `from_responder`: whose frame it was.
+    pub(crate) fn quality(&self, from_responder: bool) -> Quality {
+        let first_path = f32::from(self.first_path_index) / 64.0;
+        // 21 bits signed: f32 holds them exactly.
+        let sender_faster_ppm = -(self.carrier_integrator as f32) * phy::CARRIER_PPM_PER_UNIT;
+        Quality {
+            rx_power_dbm: self.rx_power_dbm(),
+            first_path_power_dbm: self.first_path_power_dbm(),
+            noise: self.noise,
+            preamble_count: self.symbols(),
+            peak_delay_ns: (f32::from(self.peak_index) - first_path) * phy::SAMPLE_NS,
+            carrier_offset_ppm: if from_responder {
+                sender_faster_ppm
+            } else {
+                -sender_faster_ppm
+            },
+            nlos_percent: None,
+        }
+    }
+
     /// N: the preamble symbols without the SFD's (user manual, section 7.2.18).
-    fn symbols(&self) -> f32 {
+    fn symbols(&self) -> u16 {
         let adjustment = if self.preamble_count == self.preamble_count_unsaturated {
             phy::RXPACC_ADJUSTMENT
         } else {
             0
         };
-        f32::from(self.preamble_count.saturating_add_signed(adjustment))
+        self.preamble_count.saturating_add_signed(adjustment)
     }
 }
 
-fn decibel(power: f32, symbols: f32) -> f32 {
+fn decibel(power: f32, symbols: u16) -> f32 {
+    let symbols = f32::from(symbols);
     if power > 0.0 && symbols > 0.0 {
         // By the trait's name: where std is linked in, f32 has its own log10.
         10.0 * F32Ext::log10(power / (symbols * symbols)) - phy::POWER_CONSTANT_DB
@@ -83,6 +113,7 @@ mod tests {
                     response_power: c,
                     preamble_count: count,
                     preamble_count_unsaturated: unsaturated,
+                    ..Reception::default()
                 };
                 let n = f64::from(n);
                 let squares: f64 = f.iter().map(|&f| f64::from(f) * f64::from(f)).sum();

@@ -13,7 +13,7 @@ use nova_ranging::{
     Address, Command, Event, Failure, Ignored, Initiator, Measurement, Outcome, Responder, Step,
     Then,
 };
-use nova_wire::{Boot, Counters, Quality, Range, RangeFlags, Record, Status};
+use nova_wire::{Boot, Counters, Range, RangeFlags, Record, Status, Treatment};
 
 /// From one status record to the next.
 const STATUS_PERIOD_US: u64 = 1_000_000;
@@ -467,13 +467,13 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 
     fn range_record(&mut self, m: &Measurement, now_us: u64) -> Result<Range, RadioError> {
         let age_us = self.radio.now()?.since(m.at).to_us();
-        let rx_power_dbm = self.reception.rx_power_dbm();
-        let first_path_power_dbm = self.reception.first_path_power_dbm();
+        let initiator = matches!(self.playing, Playing::Initiator { .. });
+        let quality = self.reception.quality(initiator);
         let mut flags = RangeFlags::default();
-        if rx_power_dbm - first_path_power_dbm > WEAK_FIRST_PATH_DB {
-            flags = flags.with(RangeFlags::WEAK_FIRST_PATH);
+        if quality.rx_power_dbm - quality.first_path_power_dbm > WEAK_FIRST_PATH_DB {
+            flags = flags.with(RangeFlags::NLOS);
         }
-        if matches!(self.playing, Playing::Initiator { .. }) {
+        if initiator {
             flags = flags.with(RangeFlags::INITIATOR);
         }
         Ok(Range {
@@ -481,13 +481,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             peer: m.peer.0,
             exchange: m.exchange,
             raw_m: m.two_way.range_m(SPEED_OF_LIGHT_AIR_M_PER_S) as f32,
-            filtered_m: None,
-            quality: Quality {
-                rx_power_dbm,
-                first_path_power_dbm,
-                clock_offset_ppm: m.two_way.clock_offset_ppm as f32,
-                flags,
-            },
+            treatment: Treatment::NotFiltered,
+            filtered: None,
+            clock_offset_ppm: m.two_way.clock_offset_ppm as f32,
+            quality: Some(quality),
+            flags,
         })
     }
 

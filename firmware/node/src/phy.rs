@@ -63,3 +63,9 @@ pub(crate) const POWER_CONSTANT_DB: f32 = 121.74;
 /// RXPACC counts SFD symbols too: what to add for an SFD of 8 symbols of the
 /// standard when it is not saturated (7.2.18, table 18).
 pub(crate) const RXPACC_ADJUSTMENT: i16 = -5;
+
+/// A unit of the carrier integrator as a clock offset in ppm (7.2.40.11): 998.4 MHz / 2 /
+/// 1024 / 2^17 over the carrier of channel 5, 6489.6 MHz.
+pub(crate) const CARRIER_PPM_PER_UNIT: f32 = 5.731_2e-4;
+/// A sample of the channel impulse response: half a period of 499.2 MHz, in ns (4.7.1).
+pub(crate) const SAMPLE_NS: f32 = 1.001_6;

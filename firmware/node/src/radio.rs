@@ -135,6 +135,8 @@ const TX_FCTRL: u32 = (phy::RATE_6800_KBPS as u32) << 13
 
 /// AGC_TUNE3, register 0x23:12, which `dw1000::ll` does not have (7.2.36.7).
 const WRITE_AGC_TUNE3: [u8; 2] = [0x80 | 0x40 | 0x23, 0x12];
+/// DRX_CAR_INT, register 0x27:28 (7.2.40.11), for reading.
+const READ_DRX_CAR_INT: [u8; 2] = [0x40 | 0x27, 0x28];
 /// FS_XTALT: crystal trim, register 0x2B:0E (7.2.44.5).
 const WRITE_FS_XTALT: [u8; 2] = [0x80 | 0x40 | 0x2B, 0x0E];
 
@@ -279,12 +281,25 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         let info = ll!(self.ll().rx_finfo().read())?;
         let quality = ll!(self.ll().rx_fqual().read())?;
         let time = ll!(self.ll().rx_time().read())?;
-        let unsaturated = ll!(self.ll().rxpacc_nosat().read())?;
+        let peak = ll!(self.ll().lde_ppindx().read())?;
+        // DRX_CAR_INT, which `ll` takes for two bytes of its three (7.2.40.11),
+        // and RXPACC_NOSAT behind it (7.2.40.12).
+        let [register, sub] = READ_DRX_CAR_INT;
+        let mut digital = [register, sub, 0, 0, 0, 0, 0, 0];
+        self.bus
+            .transfer_in_place(&mut digital)
+            .map_err(|_| RadioError::Bus)?;
+        let [_, _, low, mid, high, _, count_low, count_high] = digital;
         Ok(Reception {
             first_path_amplitudes: [time.fp_ampl1(), quality.fp_ampl2(), quality.fp_ampl3()],
             response_power: quality.cir_pwr(),
             preamble_count: info.rxpacc(),
-            preamble_count_unsaturated: unsaturated.value(),
+            preamble_count_unsaturated: u16::from_le_bytes([count_low, count_high]),
+            noise: quality.std_noise(),
+            first_path_index: time.fp_index(),
+            peak_index: peak.value(),
+            // Sign extension: the highest of the 21 bits goes to the top.
+            carrier_integrator: i32::from_le_bytes([low, mid, high, 0]) << 11 >> 11,
         })
     }
 

@@ -3,7 +3,9 @@
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use nova_wire::{Decoder, Encoder, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record};
+use nova_wire::{
+    Decoder, Encoder, Filtered, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record, Treatment,
+};
 use std::hint::black_box;
 
 fn stream() -> Vec<u8> {
@@ -15,13 +17,23 @@ fn stream() -> Vec<u8> {
             peer: 0xBEEF,
             exchange: k as u8,
             raw_m: k as f32 * 0.01,
-            filtered_m: Some(k as f32 * 0.01),
-            quality: Quality {
+            treatment: Treatment::Accepted,
+            filtered: Some(Filtered {
+                range_m: k as f32 * 0.01,
+                rate_m_per_s: 0.25,
+                variance_m2: 0.001,
+            }),
+            clock_offset_ppm: 3.5,
+            quality: Some(Quality {
                 rx_power_dbm: -81.5,
                 first_path_power_dbm: -83.25,
-                clock_offset_ppm: 3.5,
-                flags: RangeFlags::INITIATOR,
-            },
+                noise: 44,
+                preamble_count: 121,
+                peak_delay_ns: 1.5,
+                carrier_offset_ppm: 3.25,
+                nlos_percent: Some(7),
+            }),
+            flags: RangeFlags::INITIATOR,
         });
         bytes.extend_from_slice(encoder.encode(&record, &mut [0; MAX_FRAME_LEN]).unwrap());
     }

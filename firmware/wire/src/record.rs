@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Version of the envelope and of all records in it. A reader refuses others.
-pub const PROTOCOL_VERSION: u8 = 1;
+pub const PROTOCOL_VERSION: u8 = 2;
 
 /// One message from node to host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -73,8 +73,11 @@ pub enum ResetCause {
     Lockup,
 }
 
-/// One measured range.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// One measured range: what was measured, what the node's filter makes of it,
+/// and how well the radio heard.
+///
+/// The raw range is sent whatever the filter thinks of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Range {
     /// The time that the range belongs to, when the exchange's response passed
@@ -86,10 +89,55 @@ pub struct Range {
     pub exchange: u8,
     /// The range as measured, in metres; negative when noise makes it so.
     pub raw_m: f32,
-    /// The range after the node's filter, in metres, if there is one.
-    pub filtered_m: Option<f32>,
-    /// How good the reception was.
-    pub quality: Quality,
+    /// What the node's filter did with the raw range.
+    pub treatment: Treatment,
+    /// The filter's estimate after this range, if it has one.
+    pub filtered: Option<Filtered>,
+    /// How much faster the responder's clock runs than the initiator's, in
+    /// ppm, from the time stamps.
+    pub clock_offset_ppm: f32,
+    /// How good the reception was, if the radio was asked.
+    pub quality: Option<Quality>,
+    /// Remarks.
+    pub flags: RangeFlags,
+}
+
+/// What a node's filter did with a raw range; docs/range-filter.md.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(rename_all = "snake_case")]
+pub enum Treatment {
+    /// The node has no filter, or none for this peer.
+    #[default]
+    NotFiltered,
+    /// The estimate starts with it: the first of this peer, or the first after
+    /// a silence too long to bridge.
+    Started,
+    /// Weighed in full.
+    Accepted,
+    /// Weighed less: improbable, or probably not along the line of sight.
+    DownWeighted,
+    /// Left out: too far from what was expected.
+    RejectedOutlier,
+    /// Left out: too far from what was expected and hardly along the line of sight.
+    RejectedNlos,
+    /// Left out: not a range at all, such as NaN or 2 km.
+    RejectedInvalid,
+    /// The estimate starts anew with it: several in a row were left out, and agree
+    /// with each other.
+    Reacquired,
+}
+
+/// A node's estimate after a range.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Filtered {
+    /// Range in metres.
+    pub range_m: f32,
+    /// How fast it grows, in metres a second.
+    pub rate_m_per_s: f32,
+    /// Variance of the range, in square metres.
+    pub variance_m2: f32,
 }
 
 /// How good the reception behind a range was, at the node that reports it: of
@@ -97,15 +145,25 @@ pub struct Range {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Quality {
-    /// Receive power in dBm (user manual, section 4.7.2); NaN if not read.
+    /// Receive power in dBm (user manual, section 4.7.2); NaN if nothing was received.
     pub rx_power_dbm: f32,
-    /// Power of the first path in dBm (user manual, section 4.7.1); NaN if not read.
+    /// Power of the first path in dBm (user manual, section 4.7.1); NaN if
+    /// nothing was received.
     pub first_path_power_dbm: f32,
+    /// Standard deviation of the noise in the channel impulse response, in its
+    /// own units (STD_NOISE, user manual, section 7.2.20).
+    pub noise: u16,
+    /// Preamble symbols accumulated, those of the SFD taken off (RXPACC, user
+    /// manual, section 7.2.18).
+    pub preamble_count: u16,
+    /// From the first path to the strongest one, in nanoseconds (PP_INDEX less
+    /// FP_INDEX, user manual, sections 7.2.47.3 and 7.2.23).
+    pub peak_delay_ns: f32,
     /// How much faster the responder's clock runs than the initiator's, in
-    /// ppm, from the time stamps.
-    pub clock_offset_ppm: f32,
-    /// Remarks.
-    pub flags: RangeFlags,
+    /// ppm, from the carrier (DRX_CAR_INT, user manual, section 7.2.40.11).
+    pub carrier_offset_ppm: f32,
+    /// How probable it is that the line of sight was blocked, in percent, if judged.
+    pub nlos_percent: Option<u8>,
 }
 
 /// Remarks on a range, one bit each.
@@ -115,9 +173,8 @@ pub struct Quality {
 pub struct RangeFlags(pub u8);
 
 impl RangeFlags {
-    /// The first path is more than 10 dB below the receive power: likely not a
-    /// line of sight (user manual, section 4.7).
-    pub const WEAK_FIRST_PATH: Self = Self(1);
+    /// The line of sight was likely blocked.
+    pub const NLOS: Self = Self(1);
     /// This node was the initiator of the exchange.
     pub const INITIATOR: Self = Self(2);
 

@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use nova_wire::{
-    Boot, Counters, Decoder, Encoder, Event, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record,
-    ResetCause, Role, Status,
+    Boot, Counters, Decoder, Encoder, Event, Filtered, MAX_FRAME_LEN, PROTOCOL_VERSION, Quality,
+    Range, RangeFlags, Record, ResetCause, Role, Status, Treatment,
 };
 
 const PAGE: &str = include_str!("../../../docs/wire-format.md");
@@ -41,13 +41,23 @@ fn records() -> [Record; 3] {
             peer: 0x0102,
             exchange: 200,
             raw_m: 12.5,
-            filtered_m: None,
-            quality: Quality {
+            treatment: Treatment::Accepted,
+            filtered: Some(Filtered {
+                range_m: 12.25,
+                rate_m_per_s: -0.5,
+                variance_m2: 0.0625,
+            }),
+            clock_offset_ppm: -3.0,
+            quality: Some(Quality {
                 rx_power_dbm: -81.5,
                 first_path_power_dbm: -83.25,
-                clock_offset_ppm: -3.0,
-                flags: RangeFlags::INITIATOR,
-            },
+                noise: 44,
+                preamble_count: 121,
+                peak_delay_ns: 1.5,
+                carrier_offset_ppm: -3.125,
+                nlos_percent: Some(7),
+            }),
+            flags: RangeFlags::INITIATOR,
         }),
         Record::Status(Status {
             t_us: 10_000_000,
@@ -93,7 +103,7 @@ fn the_specified_frames_are_what_the_encoder_makes_and_the_decoder_reads() {
 fn the_specified_contents_are_those_of_the_frames() {
     let contents: Vec<_> = blocks("text")
         .into_iter()
-        .filter(|bytes| bytes.first() == Some(&1))
+        .filter(|bytes| bytes.first() == Some(&PROTOCOL_VERSION))
         .collect();
     assert_eq!(contents.len(), 3);
     for (frame, content) in blocks("frame").iter().zip(contents) {

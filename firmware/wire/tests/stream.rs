@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use nova_wire::{
-    Boot, Counters, Decoder, Encoder, Event, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record,
-    ResetCause, Role, Status, Trouble,
+    Boot, Counters, Decoder, Encoder, Event, Filtered, MAX_FRAME_LEN, PROTOCOL_VERSION, Quality,
+    Range, RangeFlags, Record, ResetCause, Role, Status, Treatment, Trouble,
 };
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -15,13 +15,23 @@ fn range(k: u32) -> Record {
         peer: 0xBEEF,
         exchange: k as u8,
         raw_m: k as f32 * 0.01 - 1.0,
-        filtered_m: k.is_multiple_of(3).then_some(k as f32 * 0.01),
-        quality: Quality {
+        treatment: Treatment::Accepted,
+        filtered: k.is_multiple_of(3).then_some(Filtered {
+            range_m: k as f32 * 0.01,
+            rate_m_per_s: 0.25,
+            variance_m2: 0.001,
+        }),
+        clock_offset_ppm: 3.5,
+        quality: (!k.is_multiple_of(5)).then_some(Quality {
             rx_power_dbm: -81.5,
             first_path_power_dbm: -83.25,
-            clock_offset_ppm: 3.5,
-            flags: RangeFlags::INITIATOR,
-        },
+            noise: 44,
+            preamble_count: 121,
+            peak_delay_ns: 1.5,
+            carrier_offset_ppm: 3.25,
+            nlos_percent: k.is_multiple_of(2).then_some((k % 101) as u8),
+        }),
+        flags: RangeFlags::INITIATOR,
     })
 }
 
@@ -132,11 +142,15 @@ fn frame_around(payload: &[u8]) -> Vec<u8> {
 #[test]
 fn records_and_versions_from_the_future_are_skipped_and_counted() {
     let mut decoder = Decoder::new();
-    // Version 1, sequence 0, variant 40, some content.
-    let events = decode(&mut decoder, &frame_around(&[1, 0, 40, 1, 2, 3]));
+    // Our version, sequence 0, variant 40, some content.
+    let events = decode(
+        &mut decoder,
+        &frame_around(&[PROTOCOL_VERSION, 0, 40, 1, 2, 3]),
+    );
     assert_eq!(events, [Event::Trouble(Trouble::Unknown(40))]);
-    let events = decode(&mut decoder, &frame_around(&[2, 1, 0, 9]));
-    assert_eq!(events, [Event::Trouble(Trouble::Version(2))]);
+    let next = PROTOCOL_VERSION + 1;
+    let events = decode(&mut decoder, &frame_around(&[next, 1, 0, 9]));
+    assert_eq!(events, [Event::Trouble(Trouble::Version(next))]);
     assert_eq!(decoder.statistics().unknown, 2);
     // An unknown record still has a number: nothing is missing after it.
     assert_eq!(decoder.statistics().lost, 0);
@@ -146,7 +160,7 @@ fn records_and_versions_from_the_future_are_skipped_and_counted() {
 fn all_record_numbers_up_to_the_last_are_known() {
     let trouble = |variant: u8| {
         let mut decoder = Decoder::new();
-        decode(&mut decoder, &frame_around(&[1, 0, variant]))
+        decode(&mut decoder, &frame_around(&[PROTOCOL_VERSION, 0, variant]))
     };
     // Known numbers with nothing behind them are records cut short.
     for known in 0..=2 {

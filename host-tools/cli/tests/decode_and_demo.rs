@@ -5,7 +5,7 @@ mod common;
 
 use common::Nova;
 use nova_wire::{
-    Boot, Encoder, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record, ResetCause, Role,
+    Boot, Encoder, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record, ResetCause, Role, Treatment,
 };
 
 fn range(raw_m: f32) -> Record {
@@ -14,13 +14,15 @@ fn range(raw_m: f32) -> Record {
         peer: 0x1234,
         exchange: 9,
         raw_m,
-        filtered_m: None,
-        quality: Quality {
+        treatment: Treatment::RejectedOutlier,
+        filtered: None,
+        clock_offset_ppm: 1.25,
+        quality: Some(Quality {
             rx_power_dbm: -80.5,
             first_path_power_dbm: f32::NAN,
-            clock_offset_ppm: 1.25,
-            flags: RangeFlags::INITIATOR,
-        },
+            ..Quality::default()
+        }),
+        flags: RangeFlags::INITIATOR,
     })
 }
 
@@ -52,6 +54,8 @@ fn a_capture_becomes_one_json_line_a_record_and_the_counts() {
     assert_eq!(lines[0]["boot"]["role"], "anchor");
     assert_eq!(lines[1]["range"]["raw_m"], 1.5);
     assert_eq!(lines[1]["range"]["peer"], 0x1234);
+    assert_eq!(lines[1]["range"]["treatment"], "rejected_outlier");
+    assert!(lines[1]["range"]["filtered"].is_null());
     assert_eq!(lines[1]["range"]["quality"]["rx_power_dbm"], -80.5);
     assert!(lines[1]["range"]["quality"]["first_path_power_dbm"].is_null());
     assert_eq!(lines[2]["trouble"], "corrupt");

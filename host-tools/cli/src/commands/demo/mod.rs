@@ -252,7 +252,7 @@ impl Demo {
         let offsets = flight
             .ranges
             .iter()
-            .map(|range| f64::from(range.quality.clock_offset_ppm));
+            .map(|range| f64::from(range.clock_offset_ppm));
         let count = flight.ranges.len().max(1) as f64;
         Summary {
             seed: self.seed,

@@ -170,7 +170,7 @@ fn ins(datagram: &[u8], arrival_s: f64) -> Arrival {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nova_wire::{Encoder, MAX_FRAME_LEN, Quality, Range, Status};
+    use nova_wire::{Encoder, MAX_FRAME_LEN, Range, Status};
     use std::sync::mpsc;
 
     fn frame(encoder: &mut Encoder, record: &Record) -> Vec<u8> {
@@ -184,10 +184,8 @@ mod tests {
         Record::Range(Range {
             t_us,
             peer: 7,
-            exchange: 0,
             raw_m: 12.5,
-            filtered_m: None,
-            quality: Quality::default(),
+            ..Range::default()
         })
     }
 
