@@ -66,8 +66,10 @@ pub struct Board {
     /// Standard deviation of each receive time stamp.
     #[serde(default)]
     pub rx_noise_ps: f64,
-    /// Anchors: from one exchange to the next.
+    /// Anchors: from one round to the next.
     pub period_us: Option<u32>,
+    /// Anchors: most peers in one round.
+    pub per_round: Option<u8>,
     /// Anchors: addresses to poll; whoever is there if empty.
     #[serde(default)]
     pub peers: Vec<u16>,
@@ -376,8 +378,14 @@ impl Board {
         if let Some(pan) = self.pan {
             config.identity.pan = PanId(pan);
         }
-        if let Part::Initiator { period_us, peers } = &mut config.part {
+        if let Part::Initiator {
+            period_us,
+            per_round,
+            peers,
+        } = &mut config.part
+        {
             *period_us = self.period_us.unwrap_or(*period_us);
+            *per_round = self.per_round.unwrap_or(*per_round);
             peers.extend(self.peers.iter().map(|&peer| Address(peer)));
         }
         config

@@ -93,6 +93,7 @@ impl Boards {
         let mut initiator = NodeConfig::anchor(Address(1));
         initiator.part = Part::Initiator {
             period_us: (PERIOD_S * 1e6) as u32,
+            per_round: 1,
             peers: [Address(2)].into_iter().collect(),
         };
         let vehicle = network

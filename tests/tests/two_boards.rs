@@ -48,6 +48,7 @@ impl Pair {
         let mut anchor = NodeConfig::anchor(Address(1));
         anchor.part = Part::Initiator {
             period_us,
+            per_round: 1,
             peers: [Address(2)].into_iter().collect(),
         };
         // Both clocks wrap, at different times, while the test runs.
@@ -201,7 +202,7 @@ fn the_reported_clock_offset_is_the_true_one() {
             .run()
             .ranges
             .iter()
-            .map(|range| f64::from(range.quality.clock_offset_ppm))
+            .map(|range| f64::from(range.clock_offset_ppm))
             .collect();
         let (mean, _) = mean_and_std(&offsets);
         let [a, b] = ppm;

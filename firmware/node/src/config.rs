@@ -2,13 +2,8 @@
 
 use crate::peers::MAX_PEERS;
 use nova_ranging::exchange::Identity;
-use nova_ranging::frame::MAX_FRAME_LEN;
 use nova_ranging::{Address, PanId, PhyProfile, Ticks, Timing};
 use nova_wire::{ResetCause, Role};
-
-/// How much sooner than the first symbol that it has to hear the receiver is switched
-/// on: its start of 16 us (user manual, 7.2.15, RXENAB), and some.
-const LISTEN_EARLY_US: u32 = 30;
 
 /// A node's configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,7 +12,7 @@ pub struct NodeConfig {
     pub identity: Identity,
     /// What the node is for; said to the host, no more.
     pub role: Role,
-    /// What the node does in exchanges.
+    /// What the node does in rounds.
     pub part: Part,
     /// Antenna delays of this board.
     pub antenna_delay: AntennaDelay,
@@ -35,15 +30,17 @@ pub struct NodeConfig {
     pub reset_cause: ResetCause,
 }
 
-/// What a node does in exchanges.
+/// What a node does in rounds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Answers polls.
     Responder,
     /// Polls.
     Initiator {
-        /// From the start of one exchange to the start of the next, in microseconds.
+        /// From the start of one round to the start of the next, in microseconds.
         period_us: u32,
+        /// Most peers in one round, 1 to [`MAX_RESPONDERS`](nova_ranging::MAX_RESPONDERS).
+        per_round: u8,
         /// Whom to poll, in turn; whoever is there if empty.
         peers: heapless::Vec<Address, MAX_PEERS>,
     },
@@ -110,11 +107,12 @@ impl NodeConfig {
         Self::new(address, Role::Tag, Part::Responder)
     }
 
-    /// An anchor: finds the tags around it and polls them in turn, 100 times a
-    /// second in all.
+    /// An anchor: finds the tags around it and polls up to four of them in
+    /// each of 100 rounds a second.
     pub const fn anchor(address: Address) -> Self {
         let part = Part::Initiator {
             period_us: 10_000,
+            per_round: 4,
             peers: heapless::Vec::new(),
         };
         Self::new(address, Role::Anchor, part)
@@ -148,16 +146,13 @@ impl NodeConfig {
     }
 
     pub(crate) fn timing(&self) -> Timing {
-        let profile = PhyProfile::DEFAULT;
-        let frames =
-            profile.marker_to_end(MAX_FRAME_LEN).to_us() + profile.preamble_to_marker().to_us();
-        let silence_us = self.reply_us.saturating_sub(frames + 2);
+        // The node checks its settings before it asks for this.
+        let reply_us = u16::try_from(self.reply_us).unwrap_or(u16::MAX);
         Timing {
-            reply: Ticks::from_us(self.reply_us),
-            listen_after_us: silence_us.saturating_sub(LISTEN_EARLY_US),
-            // The other's reply time and a frame, twice over: one time-out
-            // costs less than ranges lost to a busy peer.
-            answer_timeout_us: 2 * self.reply_us + 400,
+            reply_us,
+            // Taking one answer in and listening for the next costs less than answering.
+            slot_us: reply_us,
+            profile: PhyProfile::DEFAULT,
             tx_antenna_delay: Ticks::new(self.antenna_delay.tx_ticks.into()),
         }
     }

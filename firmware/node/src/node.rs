@@ -3,15 +3,15 @@
 use crate::bus::RadioBus;
 use crate::config::{ConfigError, NodeConfig, Part};
 use crate::diagnostics::Reception;
-use crate::peers::Peers;
+use crate::peers::{Peers, Plan};
 use crate::radio::{EMPTY_RX_BUFFER, Radio, RadioError, RadioEvent};
 use core::fmt;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::OutputPin;
 use nova_ranging::tof::SPEED_OF_LIGHT_AIR_M_PER_S;
 use nova_ranging::{
-    Address, Command, Event, Failure, Ignored, Initiator, Measurement, Outcome, Responder, Step,
-    Then,
+    Address, Command, DeviceTime, Event, Failure, Ignored, Initiator, MAX_RESPONDERS, Measurement,
+    Outcome, Responder, Step, Then, Ticks, Timing,
 };
 use nova_wire::{Boot, Counters, Range, RangeFlags, Record, Status, Treatment};
 
@@ -51,10 +51,10 @@ pub struct Node<B, R, D> {
     radio: Radio<B, R, D>,
     playing: Playing,
     doing: Doing,
-    /// How well the frame was received that this node answered last: the
-    /// response at the initiator, the final at the responder. On that frame's
-    /// time stamp the range rests.
-    reception: Reception,
+    timing: Timing,
+    /// How well the frames were received on whose time stamps ranges rest: the response
+    /// in each slot at the initiator; the final, the first, at the responder.
+    receptions: [Reception; MAX_RESPONDERS],
     counters: Counters,
     next_status_us: u64,
     next_check_us: u64,
@@ -76,13 +76,13 @@ impl fmt::Display for StartError {
 
 impl core::error::Error for StartError {}
 
-/// The part in exchanges, with what it takes beside its state machine.
+/// The part in rounds, with what it takes beside its state machine.
 enum Playing {
     Initiator {
         machine: Initiator,
         peers: Peers,
-        /// Whom the running exchange is with, as far as known.
-        polled: Address,
+        /// Whether anybody was missing in the round that runs.
+        missed: bool,
         period_us: u64,
         next_us: u64,
         spread: Spread,
@@ -96,9 +96,12 @@ enum Doing {
     Nothing,
     Sending {
         until_us: u64,
+        /// From the frame's marker to its end.
+        tail_us: u32,
         then: Then,
     },
     Listening {
+        until: DeviceTime,
         until_us: u64,
     },
     ListeningForEver {
@@ -151,10 +154,14 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let timing = config.timing();
         let playing = match &config.part {
             Part::Responder => Playing::Responder(Responder::new(config.identity, timing)),
-            Part::Initiator { period_us, peers } => Playing::Initiator {
+            Part::Initiator {
+                period_us,
+                per_round,
+                peers,
+            } => Playing::Initiator {
                 machine: Initiator::new(config.identity, timing),
-                peers: Peers::new(peers),
-                polled: Address::BROADCAST,
+                peers: Peers::new(peers, *per_round),
+                missed: false,
                 period_us: u64::from(*period_us),
                 next_us: 0,
                 spread: Spread::new(config.identity.address, config.reply_us),
@@ -165,7 +172,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             config,
             playing,
             doing: Doing::Down { retry_us: 0 },
-            reception: Reception::default(),
+            timing,
+            receptions: [Reception::default(); MAX_RESPONDERS],
             counters: Counters::default(),
             next_status_us: 0,
             next_check_us: 0,
@@ -243,7 +251,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         self.wake_us()
     }
 
-    /// Radio events first, then deadlines, then new exchanges.
+    /// Radio events first, then deadlines, then new rounds.
     fn run(&mut self, now_us: u64, emit: &mut impl FnMut(&Record)) -> Result<(), RadioError> {
         let mut buffer = EMPTY_RX_BUFFER;
         for _ in 0..EVENTS_PER_CALL {
@@ -256,15 +264,17 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 RadioEvent::ListenTimeout => Event::ListenTimeout,
                 RadioEvent::Damaged => {
                     count(&mut self.counters.damaged_frames);
-                    self.keep_listening(now_us)?;
-                    continue;
+                    match self.keep_listening(now_us)? {
+                        Some(event) => event,
+                        None => continue,
+                    }
                 }
             };
             self.handle(event, now_us, emit)?;
         }
         self.check_deadlines(now_us);
         self.check_settings(now_us)?;
-        self.start_exchange(now_us)
+        self.start_round(now_us)
     }
 
     /// Lets the state machine answer an event and carries its commands out.
@@ -274,9 +284,21 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         now_us: u64,
         emit: &mut impl FnMut(&Record),
     ) -> Result<(), RadioError> {
-        let received = matches!(event, Event::Received { .. });
         let mut step = self.playing.on_event(event);
+        let goes_on = matches!(step.command, Command::Send { .. } | Command::Listen { .. });
+        // A frame that counts in the middle of a round, neither its end nor a stranger.
+        let counts = matches!(event, Event::Received { .. })
+            && goes_on
+            && !matches!(
+                step.outcome,
+                Some(Outcome::Ignored(_) | Outcome::Measured(_))
+            );
+        if let Event::Sent { at } = event {
+            self.after_sending(at, now_us);
+        }
         loop {
+            // What is to be done first: its time is short.
+            let next = self.carry_out(step.command, now_us)?;
             match step.outcome {
                 Some(Outcome::Measured(measurement)) => {
                     let record = self.range_record(&measurement, now_us)?;
@@ -284,84 +306,112 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                     emit(&Record::Range(record));
                     self.playing.answered(measurement.peer);
                 }
-                Some(Outcome::Failed(failure)) => {
-                    count(self.failure_counter(&failure));
-                    self.playing.failed();
+                Some(Outcome::Failed { peer, why }) => {
+                    count(self.failure_counter(&why));
+                    self.playing.failed(peer);
                 }
                 Some(Outcome::Ignored(ignored)) => count(self.ignored_counter(ignored)),
                 None => {}
             }
-            let answers = matches!(step.command, Command::Send { .. });
-            if self.carry_out(step.command, now_us)? {
-                if received && answers {
-                    // Now that the answer is on its way there is time.
-                    self.reception = self.radio.reception()?;
-                }
-                return Ok(());
+            match next {
+                Some(event) => step = self.playing.on_event(event),
+                None => break,
             }
-            step = self.playing.on_event(Event::SendTooLate);
         }
+        if counts && let Some(reception) = self.receptions.get_mut(self.playing.slot()) {
+            // Now that what comes next is on its way there is time.
+            *reception = self.radio.reception()?;
+        }
+        Ok(())
     }
 
-    /// `Ok(false)` if a transmission was too late.
-    fn carry_out(&mut self, command: Command, now_us: u64) -> Result<bool, RadioError> {
+    /// What came of it, if that is known at once.
+    fn carry_out(
+        &mut self,
+        command: Command,
+        now_us: u64,
+    ) -> Result<Option<Event<'static>>, RadioError> {
         match command {
             Command::Idle => {
                 self.radio.switch_off()?;
                 self.doing = Doing::Nothing;
             }
-            Command::Listen { timeout_us } => {
-                self.radio.listen(timeout_us)?;
-                self.doing = match timeout_us {
-                    Some(us) => Doing::Listening {
-                        until_us: now_us + u64::from(us),
-                    },
-                    None => Doing::ListeningForEver {
-                        refresh_us: now_us + LISTEN_REFRESH_US,
-                    },
-                };
-            }
-            Command::KeepListening => self.keep_listening(now_us)?,
-            Command::Wait => {
-                if let Doing::Sending { then, .. } = self.doing {
-                    self.doing = after_sending(then, now_us);
-                }
-            }
+            Command::Listen { until } => return self.listen(until, now_us),
+            Command::KeepListening => return self.keep_listening(now_us),
+            // See `after_sending`.
+            Command::Wait => {}
             Command::Send { frame, when, then } => {
                 let on_time = self.radio.send(&frame, when, then)?;
+                // The last slot of a round is the furthest ahead that anything is sent.
+                let ahead_us = 10 * u64::from(self.config.reply_us);
                 self.doing = Doing::Sending {
-                    until_us: now_us + u64::from(self.config.reply_us) + SEND_GUARD_US,
+                    until_us: now_us + ahead_us + SEND_GUARD_US,
+                    tail_us: self.timing.tail_us(frame.len()),
                     then,
                 };
-                return Ok(on_time);
+                if !on_time {
+                    return Ok(Some(Event::SendTooLate));
+                }
             }
         }
-        Ok(true)
+        Ok(None)
+    }
+
+    fn listen(
+        &mut self,
+        until: Option<DeviceTime>,
+        now_us: u64,
+    ) -> Result<Option<Event<'static>>, RadioError> {
+        let left_us = self.radio.listen(until)?;
+        self.doing = match until {
+            Some(until) => Doing::Listening {
+                until,
+                until_us: now_us + u64::from(left_us.unwrap_or(0)),
+            },
+            None => Doing::ListeningForEver {
+                refresh_us: now_us + LISTEN_REFRESH_US,
+            },
+        };
+        Ok(left_us.is_none().then_some(Event::ListenTimeout))
     }
 
     /// Switches the receiver on again after a frame that did not count, for
     /// what is left of the time.
-    fn keep_listening(&mut self, now_us: u64) -> Result<(), RadioError> {
+    fn keep_listening(&mut self, now_us: u64) -> Result<Option<Event<'static>>, RadioError> {
         match self.doing {
-            Doing::Listening { until_us } => {
-                let left = u32::try_from(until_us.saturating_sub(now_us)).unwrap_or(u32::MAX);
-                self.radio.listen(Some(left))
-            }
-            Doing::ListeningForEver { .. } => {
-                self.doing = Doing::ListeningForEver {
-                    refresh_us: now_us + LISTEN_REFRESH_US,
-                };
-                self.radio.listen(None)
-            }
+            Doing::Listening { until, .. } => self.listen(Some(until), now_us),
+            Doing::ListeningForEver { .. } => self.listen(None, now_us),
             // Nothing to go on with: a damaged frame cannot come while sending.
-            Doing::Nothing | Doing::Sending { .. } | Doing::Down { .. } => Ok(()),
+            Doing::Nothing | Doing::Sending { .. } | Doing::Down { .. } => Ok(None),
         }
+    }
+
+    /// What the radio is at now that a frame has gone.
+    fn after_sending(&mut self, at: DeviceTime, now_us: u64) {
+        let Doing::Sending { tail_us, then, .. } = self.doing else {
+            return;
+        };
+        self.doing = match then {
+            Then::Idle => Doing::Nothing,
+            Then::Listen {
+                after_us,
+                timeout_us: Some(timeout_us),
+            } => Doing::Listening {
+                until: at.after(Ticks::from_us(tail_us + after_us + timeout_us)),
+                until_us: now_us + u64::from(after_us) + u64::from(timeout_us),
+            },
+            Then::Listen {
+                timeout_us: None, ..
+            } => Doing::ListeningForEver {
+                refresh_us: now_us + LISTEN_REFRESH_US,
+            },
+        };
     }
 
     fn check_deadlines(&mut self, now_us: u64) {
         let missed = match self.doing {
             Doing::Sending { until_us, .. } => now_us >= until_us,
-            Doing::Listening { until_us } => now_us >= until_us + LISTEN_GUARD_US,
+            Doing::Listening { until_us, .. } => now_us >= until_us + LISTEN_GUARD_US,
             Doing::Nothing | Doing::ListeningForEver { .. } | Doing::Down { .. } => false,
         };
         if missed {
@@ -382,19 +432,19 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             && now_us >= refresh_us
         {
             self.radio.switch_off()?;
-            self.keep_listening(now_us)?;
+            self.listen(None, now_us)?;
         }
         Ok(())
     }
 
-    fn start_exchange(&mut self, now_us: u64) -> Result<(), RadioError> {
+    fn start_round(&mut self, now_us: u64) -> Result<(), RadioError> {
         if self.doing != Doing::Nothing {
             return Ok(());
         }
         let Playing::Initiator {
             machine,
             peers,
-            polled,
+            missed,
             period_us,
             next_us,
             ..
@@ -405,10 +455,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         if now_us < *next_us {
             return Ok(());
         }
-        // Exchanges that there was no time for are left out, not made up for.
+        // Rounds that there was no time for are left out, not made up for.
         *next_us = (*next_us + *period_us).max(now_us);
-        *polled = peers.next();
-        let command = machine.start(*polled);
+        *missed = false;
+        let Plan { named, open } = peers.next_round();
+        let command = machine.start(&named, open);
         // A poll goes at once: it cannot be late.
         self.carry_out(command, now_us).map(|_| ())
     }
@@ -448,7 +499,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             (Doing::Nothing, Playing::Initiator { next_us, .. }) => *next_us,
             (Doing::Nothing, Playing::Responder(_)) => u64::MAX,
             (Doing::Sending { until_us, .. }, _) => until_us,
-            (Doing::Listening { until_us }, _) => until_us + LISTEN_GUARD_US,
+            (Doing::Listening { until_us, .. }, _) => until_us + LISTEN_GUARD_US,
             (Doing::ListeningForEver { refresh_us }, _) => refresh_us.min(self.next_check_us),
             (Doing::Down { retry_us }, _) => retry_us,
         };
@@ -467,8 +518,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 
     fn range_record(&mut self, m: &Measurement, now_us: u64) -> Result<Range, RadioError> {
         let age_us = self.radio.now()?.since(m.at).to_us();
+        let reception = (self.receptions.get(usize::from(m.slot)))
+            .copied()
+            .unwrap_or_default();
         let initiator = matches!(self.playing, Playing::Initiator { .. });
-        let quality = self.reception.quality(initiator);
+        let quality = reception.quality(initiator);
         let mut flags = RangeFlags::default();
         if quality.rx_power_dbm - quality.first_path_power_dbm > WEAK_FIRST_PATH_DB {
             flags = flags.with(RangeFlags::NLOS);
@@ -479,7 +533,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         Ok(Range {
             t_us: now_us.saturating_sub(u64::from(age_us)),
             peer: m.peer.0,
-            exchange: m.exchange,
+            exchange: m.round,
             raw_m: m.two_way.range_m(SPEED_OF_LIGHT_AIR_M_PER_S) as f32,
             treatment: Treatment::NotFiltered,
             filtered: None,
@@ -492,14 +546,16 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     fn failure_counter(&mut self, failure: &Failure) -> &mut u32 {
         let c = &mut self.counters;
         match failure {
-            Failure::NoResponse if self.playing.searches() => &mut c.unanswered_searches,
+            Failure::NobodyNew => &mut c.unanswered_searches,
             Failure::NoResponse => &mut c.no_response,
             Failure::NoFinal => &mut c.no_final,
             Failure::NoReport => &mut c.no_report,
             Failure::Superseded => &mut c.superseded,
             Failure::SendTooLate => &mut c.send_too_late,
             Failure::SendTimeMismatch => &mut c.send_time_mismatch,
+            Failure::NotHeard => &mut c.not_heard,
             Failure::Tof(_) => &mut c.bad_stamps,
+            Failure::Implausible => &mut c.implausible,
             Failure::UnexpectedEvent => &mut c.unexpected_events,
         }
     }
@@ -510,9 +566,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Ignored::NotOurs(_) | Ignored::ForeignNetwork => &mut c.foreign_frames,
             Ignored::ForOthers
             | Ignored::WrongPeer
-            | Ignored::WrongExchange
+            | Ignored::WrongRound
             | Ignored::OutOfTurn
             | Ignored::LeftToOthers => &mut c.others_frames,
+            Ignored::OutOfTime => &mut c.out_of_time,
+            Ignored::TooFast => &mut c.polls_too_fast,
         }
     }
 }
@@ -525,9 +583,12 @@ impl Playing {
         }
     }
 
-    /// Whether the running exchange is with whoever answers.
-    fn searches(&self) -> bool {
-        matches!(self, Self::Initiator { polled, .. } if *polled == Address::BROADCAST)
+    /// Into the node's receptions: where that of the frame just taken belongs.
+    fn slot(&self) -> usize {
+        match self {
+            Self::Initiator { machine, .. } => machine.slot(),
+            Self::Responder(_) => 0,
+        }
     }
 
     fn answered(&mut self, peer: Address) {
@@ -536,17 +597,19 @@ impl Playing {
         }
     }
 
-    fn failed(&mut self) {
+    fn failed(&mut self, peer: Address) {
         if let Self::Initiator {
             peers,
-            polled,
+            missed,
             next_us,
             spread,
             ..
         } = self
         {
-            peers.failed(*polled);
-            *next_us = next_us.saturating_add_signed(spread.next_us());
+            peers.failed(peer);
+            if !core::mem::replace(missed, true) {
+                *next_us = next_us.saturating_add_signed(spread.next_us());
+            }
         }
     }
 
@@ -555,24 +618,6 @@ impl Playing {
             Self::Initiator { machine, .. } => machine.is_idle(),
             Self::Responder(machine) => machine.is_idle(),
         }
-    }
-}
-
-/// What the radio is at once a frame has gone.
-fn after_sending(then: Then, now_us: u64) -> Doing {
-    match then {
-        Then::Idle => Doing::Nothing,
-        Then::Listen {
-            after_us,
-            timeout_us: Some(us),
-        } => Doing::Listening {
-            until_us: now_us + u64::from(after_us) + u64::from(us),
-        },
-        Then::Listen {
-            timeout_us: None, ..
-        } => Doing::ListeningForEver {
-            refresh_us: now_us + LISTEN_REFRESH_US,
-        },
     }
 }
 

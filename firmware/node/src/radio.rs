@@ -16,6 +16,8 @@ use crate::phy;
 use dw1000::ll;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::OutputPin;
+use nova_ranging::frame::MAX_FRAME_LEN;
+use nova_ranging::time::MODULUS;
 use nova_ranging::{DeviceTime, Then, When};
 
 /// A DW1000 and the lines to it.
@@ -101,9 +103,9 @@ macro_rules! ll {
 /// Identifier of the DW1000: tag, model, version and revision (7.2.2).
 const DEVICE_ID: u32 = 0xDECA_0130;
 
-/// Bytes of a received frame that are read. No frame of ours is as long, so
-/// that a longer one is still told from ours.
-const RX_BUFFER_LEN: usize = 32;
+/// Bytes of a received frame that are read: one more than the longest of ours, so that a
+/// longer one is still told from it.
+const RX_BUFFER_LEN: usize = MAX_FRAME_LEN + 1;
 
 /// Space for a received frame, and the SPI header before it.
 pub(crate) type RxBuffer = [u8; RX_BUFFER_LEN + 1];
@@ -135,10 +137,10 @@ const TX_FCTRL: u32 = (phy::RATE_6800_KBPS as u32) << 13
 
 /// AGC_TUNE3, register 0x23:12, which `dw1000::ll` does not have (7.2.36.7).
 const WRITE_AGC_TUNE3: [u8; 2] = [0x80 | 0x40 | 0x23, 0x12];
-/// DRX_CAR_INT, register 0x27:28 (7.2.40.11), for reading.
-const READ_DRX_CAR_INT: [u8; 2] = [0x40 | 0x27, 0x28];
 /// FS_XTALT: crystal trim, register 0x2B:0E (7.2.44.5).
 const WRITE_FS_XTALT: [u8; 2] = [0x80 | 0x40 | 0x2B, 0x0E];
+/// DRX_CAR_INT, register 0x27:28 (7.2.40.11), for reading.
+const READ_DRX_CAR_INT: [u8; 2] = [0x40 | 0x27, 0x28];
 
 impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     /// A radio that is not started yet.
@@ -208,11 +210,25 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         Ok(true)
     }
 
-    /// Switches the receiver on.
-    pub(crate) fn listen(&mut self, timeout_us: Option<u32>) -> Result<(), RadioError> {
-        self.set_timeout(timeout_us)?;
+    /// Switches the receiver on until the radio's clock shows `until`, or for ever. How
+    /// many microseconds that is; `None` if it is over already: the radio stays off then.
+    pub(crate) fn listen(&mut self, until: Option<DeviceTime>) -> Result<Option<u32>, RadioError> {
+        let left_us = match until {
+            None => None,
+            Some(until) => {
+                let left = until.since(self.now()?);
+                // More than half a turn of the clock ahead is behind.
+                if left.get() == 0 || left.get() > MODULUS / 2 {
+                    self.switch_off()?;
+                    return Ok(None);
+                }
+                Some(left.to_us())
+            }
+        };
+        self.set_timeout(left_us)?;
         self.clear_taken()?;
-        self.write_raw(&[header::WRITE_SYS_CTRL, 0, ctrl::RXENAB_1])
+        self.write_raw(&[header::WRITE_SYS_CTRL, 0, ctrl::RXENAB_1])?;
+        Ok(Some(left_us.unwrap_or(u32::MAX)))
     }
 
     /// Switches transmitter and receiver off and forgets what they did.
@@ -555,8 +571,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     }
 
     fn write_tx_buffer(&mut self, frame: &[u8]) -> Result<(), RadioError> {
-        let mut bytes: heapless::Vec<u8, { nova_ranging::frame::MAX_FRAME_LEN + 1 }> =
-            heapless::Vec::new();
+        let mut bytes: heapless::Vec<u8, { MAX_FRAME_LEN + 1 }> = heapless::Vec::new();
         bytes
             .push(header::WRITE_TX_BUFFER)
             .map_err(|_| RadioError::Bus)?;

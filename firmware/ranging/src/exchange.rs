@@ -1,5 +1,5 @@
-//! What both parts of an exchange have in common: what can happen to them,
-//! what they ask of the radio, and how an exchange can end.
+//! What all parts in a round have in common: what can happen to them, what they
+//! ask of the radio, and how a measurement can end.
 //!
 //! A state machine is driven like this:
 //!
@@ -10,7 +10,7 @@
 //! ```
 
 use crate::frame::{Address, Frame, FrameBuffer, FrameError};
-use crate::time::{DeviceTime, Ticks};
+use crate::time::DeviceTime;
 use crate::tof::{TofError, TwoWay};
 
 /// What the radio tells a state machine.
@@ -41,11 +41,12 @@ pub enum Command {
     Idle,
     /// Switch the receiver on.
     Listen {
-        /// End with [`Event::ListenTimeout`] after this many microseconds;
-        /// listen for ever if `None`.
-        timeout_us: Option<u32>,
+        /// End with [`Event::ListenTimeout`] when the radio's clock shows this; at
+        /// once if that has passed. Listen for ever if `None`.
+        until: Option<DeviceTime>,
     },
-    /// Go on listening until the time-out that already runs.
+    /// Go on listening until the end that was set. The radio has switched its receiver
+    /// off with the frame it received.
     KeepListening,
     /// Nothing: the radio does already what it was told to do next.
     Wait,
@@ -97,44 +98,54 @@ pub struct Step {
     pub outcome: Option<Outcome>,
 }
 
-/// How an exchange, or a frame, ended.
+/// How a measurement, or a frame, ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
     /// A range.
     Measured(Measurement),
-    /// The exchange failed.
-    Failed(Failure),
-    /// A frame was passed over; the exchange goes on.
+    /// A measurement failed; the round may go on with other responders.
+    Failed {
+        /// The other node; [`Address::BROADCAST`] for all of the round, or where nobody
+        /// knows whom it would have been with.
+        peer: Address,
+        /// Why.
+        why: Failure,
+    },
+    /// A frame was passed over; the round goes on.
     Ignored(Ignored),
 }
 
-/// The result of a complete exchange.
+/// The result of a complete measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Measurement {
     /// The other node.
     pub peer: Address,
-    /// The exchange's number.
-    pub exchange: u8,
+    /// The round's number.
+    pub round: u8,
+    /// The initiator's slot in which the response came; 0 at a responder.
+    pub slot: u8,
     /// When the response passed this node's antenna, on this node's clock: the
     /// time that the range belongs to.
     ///
-    /// With equal reply times the formula weighs the ranges during poll,
-    /// response and final as (d1 + 2 d2 + d3) / 4, so that for moving nodes it
-    /// gives the range in the middle.
+    /// The formula weighs the ranges during poll, response and final as
+    /// (Da (d1 + d2) + Db (d2 + d3)) / 2 (Da + Db): for nodes that move evenly that is
+    /// d2, whatever the reply times.
     pub at: DeviceTime,
     /// Time of flight and the responder's clock against the initiator's.
     pub two_way: TwoWay,
 }
 
-/// Why an exchange gave no range.
+/// Why a measurement gave no range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Failure {
-    /// The initiator heard no response to its poll: nobody there, or a frame
+    /// The initiator heard no response in a node's slot: nobody there, or a frame
     /// was lost.
     NoResponse,
+    /// The initiator heard no response in a slot for nodes that it does not know.
+    NobodyNew,
     /// The responder heard no final: its response or the final was lost.
     NoFinal,
     /// The initiator heard no report: its final or the report was lost.
@@ -142,13 +153,17 @@ pub enum Failure {
     /// The responder was polled again before the final came: the initiator
     /// has given up.
     Superseded,
+    /// The final came, but the initiator has not heard this node's response.
+    NotHeard,
     /// A frame was due before the radio could send it: the reply time is too
     /// short for this processor and bus.
     SendTooLate,
-    /// The radio sent the final at another time than the one written in it.
+    /// The radio sent a frame at another time than it was told, or says so.
     SendTimeMismatch,
     /// The six time stamps contradict each other.
     Tof(TofError),
+    /// The range is less than nothing, or further than any radio reaches.
+    Implausible,
     /// The radio reported an event that this state cannot have.
     UnexpectedEvent,
 }
@@ -163,46 +178,18 @@ pub enum Ignored {
     ForeignNetwork,
     /// For another node.
     ForOthers,
-    /// From another node than the one the exchange is with.
+    /// From another node than the one that is due.
     WrongPeer,
-    /// From the right node, but of another exchange.
-    WrongExchange,
-    /// Of the right exchange, but not what is due now; duplicates end here.
+    /// From the right node, but of another round.
+    WrongRound,
+    /// Of the right round, but not what is due now; duplicates end here.
     OutOfTurn,
-    /// A poll to all nodes that was left to others to answer.
+    /// Of the right round and what is due, but not at the time that it is due.
+    OutOfTime,
+    /// A poll that is left to others to answer.
     LeftToOthers,
-}
-
-/// Times that both nodes of an exchange agree on, and the local antenna delay.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Timing {
-    /// From a frame received to the answer sent. Long enough for the rest of
-    /// the frame, interrupt, SPI and the answer's preamble.
-    pub reply: Ticks,
-    /// From the end of one's own frame until its answer can begin, in microseconds.
-    pub listen_after_us: u32,
-    /// How long to listen for an answer from then on, in microseconds.
-    pub answer_timeout_us: u32,
-    /// What the radio adds to the start of a transmission to stamp it.
-    pub tx_antenna_delay: Ticks,
-}
-
-impl Timing {
-    /// When to start a delayed answer to a frame received at `received`, and
-    /// the stamp it will have.
-    pub(crate) fn answer_to(&self, received: DeviceTime) -> (When, DeviceTime) {
-        let start = received.after(self.reply).on_delayed_grid();
-        (When::At(start), start.after(self.tx_antenna_delay))
-    }
-
-    /// To listen for the answer to a frame.
-    pub(crate) fn for_answer(&self) -> Then {
-        Then::Listen {
-            after_us: self.listen_after_us,
-            timeout_us: Some(self.answer_timeout_us),
-        }
-    }
+    /// A poll that wants its answer sooner than this node can give it.
+    TooFast,
 }
 
 impl Step {
@@ -239,8 +226,12 @@ impl Identity {
     /// Reads a received frame and checks that it is meant for this node.
     pub(crate) fn accept(&self, bytes: &[u8]) -> Result<Frame, Ignored> {
         let frame = Frame::parse(bytes).map_err(Ignored::NotOurs)?;
-        // Nobody is called "all nodes"; believing it would make that a peer.
-        if frame.pan != self.pan || frame.source == Address::BROADCAST {
+        // Nobody is called "all nodes"; believing it would make that a peer. And nobody
+        // hears itself: that is a frame sent back, or another node of this address.
+        if frame.pan != self.pan
+            || frame.source == Address::BROADCAST
+            || frame.source == self.address
+        {
             return Err(Ignored::ForeignNetwork);
         }
         if frame.destination != self.address && frame.destination != Address::BROADCAST {

@@ -1,66 +1,78 @@
-//! The initiator's part of an exchange.
+//! The initiator's part of a round.
 //!
 //! ```text
-//!              start                    Sent                        response
-//!   Idle ─────────────► SendingPoll ───────────► AwaitingResponse ────────────┐
-//!    ▲  send poll now,                             │ timeout: NoResponse      │ send final
-//!    │  then listen                                │                          │ at t4 + reply,
-//!    ├─────────────────────────────────────────────┘                          ▼ then listen
-//!    ├───────────────────────────── SendTooLate, SendTimeMismatch ──── SendingFinal
-//!    │                                                                        │ Sent
-//!    │  report: Measured; timeout: NoReport                                   ▼
-//!    └─────────────────────────────────────────────────────────────── AwaitingReport
+//!           start              Sent            response, or the slot's time is over: NoResponse
+//!   Idle ──────────► Polling ────────► Collecting ◄──┐ next slot: listen
+//!    ▲   send poll     │              │  │  └────────┘
+//!    │                 │   nobody     │  │ last slot, somebody has answered:
+//!    │                 │   answered   │  ▼ send final at its time
+//!    │  SendTooLate    │              │ Closing ──────────┐ SendTooLate, SendTimeMismatch
+//!    ├─────────────────┘              ▼  │ Sent           │
+//!    ├──────────────────────────── Resting │              │
+//!    │   the final's time is over        ▼                │
+//!    ├─────────────────────────────── Hearing ◄─┐ report: Measured; its time is over: NoReport
+//!    │   all that answered had their turn └─────┘ listen  │
+//!    └────────────────────────────────────────────────────┘
 //! ```
 //!
-//! Frames that do not belong to the exchange are passed over in every state.
+//! Frames that do not belong to the round, or do not come when they are due, are passed
+//! over in every state.
 
 use crate::exchange::{
-    Command, Event, Failure, Identity, Ignored, Measurement, Outcome, Step, Timing, When,
+    Command, Event, Failure, Identity, Ignored, Measurement, Outcome, Step, Then, When,
 };
-use crate::frame::{Address, Frame, Message};
+use crate::frame::{Address, Answered, Final, Frame, MAX_RESPONDERS, Message, Poll, len};
 use crate::time::{DeviceTime, Ticks};
+use crate::timetable::{LISTEN_EARLY_US, MAX_ROUND_TRIP, Timetable, Timing, is_due};
 use crate::tof::{Intervals, TwoWay};
 
-/// Measures the range to one responder at a time.
+/// Measures the ranges to up to [`MAX_RESPONDERS`] responders at a time.
 #[derive(Clone, Debug)]
 pub struct Initiator {
     identity: Identity,
     timing: Timing,
     /// Counts our frames.
     sequence: u8,
-    /// Number of the exchange that runs, or ran last.
-    exchange: u8,
+    /// Number of the round that runs, or ran last.
+    round: u8,
+    table: Timetable,
+    /// Slots for answers in this round.
+    slots: usize,
+    /// Whose the first of them are.
+    named: heapless::Vec<Address, MAX_RESPONDERS>,
+    /// Who has answered, in the order of the slots.
+    heard: heapless::Vec<Heard, MAX_RESPONDERS>,
     state: State,
+}
+
+/// A response.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Heard {
+    responder: Address,
+    slot: usize,
+    at: DeviceTime,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum State {
     Idle,
-    SendingPoll {
-        peer: Address,
-    },
-    AwaitingResponse {
-        /// [`Address::BROADCAST`] until somebody has answered.
-        peer: Address,
+    Polling,
+    Collecting {
         poll_tx: DeviceTime,
+        slot: usize,
     },
-    SendingFinal {
-        half: Half,
-        /// The stamp that the final must get for `half.reply` to be true.
+    Resting,
+    Closing {
+        poll_tx: DeviceTime,
+        /// The stamp that the final must get for what it says to be true.
         final_tx: DeviceTime,
     },
-    AwaitingReport {
-        half: Half,
+    Hearing {
+        poll_tx: DeviceTime,
+        final_tx: DeviceTime,
+        /// Into `heard`.
+        index: usize,
     },
-}
-
-/// The initiator's half of a measurement.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Half {
-    peer: Address,
-    response_rx: DeviceTime,
-    round: Ticks,
-    reply: Ticks,
 }
 
 impl Initiator {
@@ -70,150 +82,368 @@ impl Initiator {
             identity,
             timing,
             sequence: 0,
-            exchange: 0,
+            round: 0,
+            table: Timetable::new(&timing, 1),
+            slots: 1,
+            named: heapless::Vec::new(),
+            heard: heapless::Vec::new(),
             state: State::Idle,
         }
     }
 
-    /// Whether no exchange runs.
+    /// Whether no round runs.
     pub fn is_idle(&self) -> bool {
         self.state == State::Idle
     }
 
-    /// Starts an exchange with `peer`, or with whoever answers first if `peer`
-    /// is [`Address::BROADCAST`]. An exchange that still runs is dropped.
-    pub fn start(&mut self, peer: Address) -> Command {
-        self.exchange = self.exchange.wrapping_add(1);
-        self.state = State::SendingPoll { peer };
-        self.send(peer, Message::Poll, When::Now)
+    /// Starts a round with the nodes in `named`, and `open` slots for nodes that are
+    /// not known. What exceeds [`MAX_RESPONDERS`] is left out. A round that still runs is dropped.
+    pub fn start(&mut self, named: &[Address], open: usize) -> Command {
+        self.named = named.iter().take(MAX_RESPONDERS).copied().collect();
+        self.slots = (self.named.len() + open).clamp(1, MAX_RESPONDERS);
+        self.heard.clear();
+        self.round = self.round.wrapping_add(1);
+        self.table = Timetable::new(&self.timing, self.slots);
+        self.state = State::Polling;
+        let destination = self.everybody();
+        let message = Message::Poll(Poll {
+            reply_us: self.timing.reply_us,
+            slot_us: self.timing.slot_us,
+            slots: self.slots as u8,
+            named: self.named.clone(),
+        });
+        let own = len::poll(self.named.len());
+        let then = self.listen_after(own, self.table.response_us(0), len::RESPONSE);
+        self.send(destination, message, When::Now, then)
     }
 
-    /// Drops an exchange that runs: its radio was started anew.
+    /// Drops a round that runs: its radio was started anew.
     pub fn stop(&mut self) {
         self.state = State::Idle;
+    }
+
+    /// The slot of the response that was heard last in this round; 0 before the first.
+    pub fn slot(&self) -> usize {
+        self.heard.last().map_or(0, |heard| heard.slot)
+    }
+
+    /// Who of those named in the last round did not answer in it.
+    pub fn unheard(&self) -> impl Iterator<Item = Address> + '_ {
+        self.named
+            .iter()
+            .copied()
+            .filter(|&named| self.heard.iter().all(|heard| heard.responder != named))
     }
 
     /// Takes the next event from the radio.
     pub fn on_event(&mut self, event: Event<'_>) -> Step {
         match (self.state, event) {
-            (State::SendingPoll { peer }, Event::Sent { at }) => {
-                self.state = State::AwaitingResponse { peer, poll_tx: at };
+            (State::Polling, Event::Sent { at }) => {
+                self.state = State::Collecting {
+                    poll_tx: at,
+                    slot: 0,
+                };
                 Step::command(Command::Wait)
             }
-            (State::SendingFinal { final_tx, .. }, Event::Sent { at }) if at != final_tx => {
+            (State::Closing { final_tx, .. }, Event::Sent { at }) if at != final_tx => {
                 self.fail(Failure::SendTimeMismatch)
             }
-            (State::SendingFinal { half, .. }, Event::Sent { .. }) => {
-                self.state = State::AwaitingReport { half };
+            (State::Closing { poll_tx, final_tx }, Event::Sent { .. }) => {
+                self.state = State::Hearing {
+                    poll_tx,
+                    final_tx,
+                    index: 0,
+                };
                 Step::command(Command::Wait)
             }
-            (State::SendingPoll { .. } | State::SendingFinal { .. }, Event::SendTooLate) => {
+            (State::Polling | State::Closing { .. }, Event::SendTooLate) => {
                 self.fail(Failure::SendTooLate)
             }
-            (State::AwaitingResponse { peer, poll_tx }, Event::Received { bytes, at }) => {
-                match self.accept(bytes, peer) {
+            (State::Collecting { poll_tx, slot }, Event::Received { bytes, at }) => {
+                match self.response(bytes, at.since(poll_tx), slot) {
                     Err(why) => Step::ignore(why),
-                    Ok(Frame {
-                        source,
-                        message: Message::Response,
-                        ..
-                    }) => self.answer(source, poll_tx, at),
-                    Ok(_) => Step::ignore(Ignored::OutOfTurn),
+                    Ok(responder) => {
+                        // There is room: at most one a slot.
+                        let _ = self.heard.push(Heard {
+                            responder,
+                            slot,
+                            at,
+                        });
+                        Step::command(self.next_slot(poll_tx, slot))
+                    }
                 }
             }
-            (State::AwaitingReport { half }, Event::Received { bytes, .. }) => {
-                match self.accept(bytes, half.peer) {
-                    Err(why) => Step::ignore(why),
-                    Ok(Frame {
-                        message: Message::Report { round, reply },
-                        ..
-                    }) => self.finish(&half, round, reply),
-                    Ok(_) => Step::ignore(Ignored::OutOfTurn),
+            (State::Collecting { poll_tx, slot }, Event::ListenTimeout) => {
+                let outcome = match self.named.get(slot) {
+                    Some(&peer) => Outcome::Failed {
+                        peer,
+                        why: Failure::NoResponse,
+                    },
+                    None => Outcome::Failed {
+                        peer: Address::BROADCAST,
+                        why: Failure::NobodyNew,
+                    },
+                };
+                let command = self.next_slot(poll_tx, slot);
+                Step::with(command, outcome)
+            }
+            (
+                State::Hearing {
+                    poll_tx,
+                    final_tx,
+                    index,
+                },
+                Event::Received { bytes, at },
+            ) => match self.report(bytes, at.since(poll_tx), index) {
+                Err(why) => Step::ignore(why),
+                Ok((heard, round, reply)) => {
+                    let outcome = self.measure(poll_tx, final_tx, &heard, round, reply);
+                    let command = self.next_report(poll_tx, final_tx, index);
+                    Step::with(command, outcome)
                 }
+            },
+            (
+                State::Hearing {
+                    poll_tx,
+                    final_tx,
+                    index,
+                },
+                Event::ListenTimeout,
+            ) => {
+                let peer = self.heard.get(index).map(|heard| heard.responder);
+                let outcome = Outcome::Failed {
+                    peer: peer.unwrap_or(Address::BROADCAST),
+                    why: Failure::NoReport,
+                };
+                let command = self.next_report(poll_tx, final_tx, index);
+                Step::with(command, outcome)
             }
-            (State::AwaitingResponse { .. }, Event::ListenTimeout) => {
-                self.fail(Failure::NoResponse)
+            (State::Resting, Event::Received { bytes, .. }) => match self.accept(bytes) {
+                Err(why) => Step::ignore(why),
+                Ok(_) => Step::ignore(Ignored::OutOfTurn),
+            },
+            (State::Resting, Event::ListenTimeout) => {
+                self.state = State::Idle;
+                Step::command(Command::Idle)
             }
-            (State::AwaitingReport { .. }, Event::ListenTimeout) => self.fail(Failure::NoReport),
-            (State::Idle, _)
-            | (State::SendingPoll { .. } | State::SendingFinal { .. }, _)
+            (State::Idle | State::Polling | State::Closing { .. }, _)
             | (
-                State::AwaitingResponse { .. } | State::AwaitingReport { .. },
+                State::Collecting { .. } | State::Hearing { .. } | State::Resting,
                 Event::Sent { .. } | Event::SendTooLate,
             ) => self.fail(Failure::UnexpectedEvent),
         }
     }
 
-    fn answer(&mut self, peer: Address, poll_tx: DeviceTime, response_rx: DeviceTime) -> Step {
-        let (when, final_tx) = self.timing.answer_to(response_rx);
-        let half = Half {
-            peer,
-            response_rx,
-            round: response_rx.since(poll_tx),
-            reply: final_tx.since(response_rx),
-        };
-        self.state = State::SendingFinal { half, final_tx };
-        let message = Message::Final {
-            round: half.round,
-            reply: half.reply,
-        };
-        Step::command(self.send(peer, message, when))
+    /// All that have a part in the round.
+    fn everybody(&self) -> Address {
+        match (self.named.first(), self.slots) {
+            (Some(&only), 1) => only,
+            _ => Address::BROADCAST,
+        }
     }
 
-    fn finish(&mut self, half: &Half, responder_round: Ticks, responder_reply: Ticks) -> Step {
+    /// Whose response this is, if it is one and comes in this slot.
+    fn response(&self, bytes: &[u8], since: Ticks, slot: usize) -> Result<Address, Ignored> {
+        let frame = self.accept(bytes)?;
+        let responder = frame.source;
+        match self.named.get(slot) {
+            Some(&named) if named != responder => return Err(Ignored::WrongPeer),
+            // A node that has a slot, or has had one, is not new.
+            None if self.named.contains(&responder)
+                || self.heard.iter().any(|heard| heard.responder == responder) =>
+            {
+                return Err(Ignored::WrongPeer);
+            }
+            _ => {}
+        }
+        if frame.message != Message::Response {
+            return Err(Ignored::OutOfTurn);
+        }
+        if self.table.slot_at(since) != Some(slot) {
+            return Err(Ignored::OutOfTime);
+        }
+        Ok(responder)
+    }
+
+    /// Listens in the slot behind this one, or closes the round.
+    fn next_slot(&mut self, poll_tx: DeviceTime, slot: usize) -> Command {
+        let next = slot + 1;
+        if next < self.slots {
+            self.state = State::Collecting {
+                poll_tx,
+                slot: next,
+            };
+            return self.listen(poll_tx, self.table.response_us(next), len::RESPONSE);
+        }
+        if self.heard.is_empty() {
+            // Who has answered unheard waits for a final that will not come; a new poll
+            // before that time would be wasted.
+            self.state = State::Resting;
+            return self.listen(poll_tx, self.table.final_us(), len::last(0));
+        }
+        let (when, final_tx) = self.timing.start(poll_tx, self.table.final_us());
+        self.state = State::Closing { poll_tx, final_tx };
+        let message = Message::Final(Final {
+            span: final_tx.since(poll_tx),
+            answered: self
+                .heard
+                .iter()
+                .map(|heard| Answered {
+                    responder: heard.responder,
+                    round: heard.at.since(poll_tx),
+                })
+                .collect(),
+        });
+        let own = len::last(self.heard.len());
+        let due_us = self.table.report_us(0) - self.table.final_us();
+        let then = self.listen_after(own, due_us, len::REPORT);
+        let destination = self.everybody();
+        self.send(destination, message, when, then)
+    }
+
+    /// The report due, with Rb and Db.
+    fn report(
+        &self,
+        bytes: &[u8],
+        since: Ticks,
+        index: usize,
+    ) -> Result<(Heard, Ticks, Ticks), Ignored> {
+        let frame = self.accept(bytes)?;
+        let heard = *self.heard.get(index).ok_or(Ignored::OutOfTurn)?;
+        if frame.source != heard.responder {
+            return Err(Ignored::WrongPeer);
+        }
+        let Message::Report { round, reply } = frame.message else {
+            return Err(Ignored::OutOfTurn);
+        };
+        if !is_due(self.table.report_us(index), since, MAX_ROUND_TRIP) {
+            return Err(Ignored::OutOfTime);
+        }
+        Ok((heard, round, reply))
+    }
+
+    fn measure(
+        &self,
+        poll_tx: DeviceTime,
+        final_tx: DeviceTime,
+        heard: &Heard,
+        responder_round: Ticks,
+        responder_reply: Ticks,
+    ) -> Outcome {
         let intervals = Intervals {
-            initiator_round: half.round,
-            initiator_reply: half.reply,
+            initiator_round: heard.at.since(poll_tx),
+            initiator_reply: final_tx.since(heard.at),
             responder_round,
             responder_reply,
         };
-        match TwoWay::from_intervals(&intervals) {
-            Err(error) => self.fail(Failure::Tof(error)),
-            Ok(two_way) => {
-                self.state = State::Idle;
-                Step::with(
-                    Command::Idle,
-                    Outcome::Measured(Measurement {
-                        peer: half.peer,
-                        exchange: self.exchange,
-                        at: half.response_rx,
-                        two_way,
-                    }),
-                )
-            }
+        let peer = heard.responder;
+        match checked(&intervals) {
+            Err(why) => Outcome::Failed { peer, why },
+            Ok(two_way) => Outcome::Measured(Measurement {
+                peer,
+                round: self.round,
+                slot: heard.slot as u8,
+                at: heard.at,
+                two_way,
+            }),
         }
     }
 
-    fn accept(&self, bytes: &[u8], peer: Address) -> Result<Frame, Ignored> {
-        let frame = self.identity.accept(bytes)?;
-        if peer != Address::BROADCAST && frame.source != peer {
-            return Err(Ignored::WrongPeer);
+    fn next_report(&mut self, poll_tx: DeviceTime, final_tx: DeviceTime, index: usize) -> Command {
+        let next = index + 1;
+        if next >= self.heard.len() {
+            self.state = State::Idle;
+            return Command::Idle;
         }
-        if frame.exchange != self.exchange {
-            return Err(Ignored::WrongExchange);
+        self.state = State::Hearing {
+            poll_tx,
+            final_tx,
+            index: next,
+        };
+        self.listen(poll_tx, self.table.report_us(next), len::REPORT)
+    }
+
+    fn accept(&self, bytes: &[u8]) -> Result<Frame, Ignored> {
+        let frame = self.identity.accept(bytes)?;
+        if frame.round != self.round {
+            return Err(Ignored::WrongRound);
         }
         Ok(frame)
     }
 
-    fn send(&mut self, destination: Address, message: Message, when: When) -> Command {
+    fn send(&mut self, destination: Address, message: Message, when: When, then: Then) -> Command {
         self.sequence = self.sequence.wrapping_add(1);
         let frame = Frame {
             sequence: self.sequence,
             pan: self.identity.pan,
             destination,
             source: self.identity.address,
-            exchange: self.exchange,
+            round: self.round,
             message,
         };
         Command::Send {
             frame: frame.encode(),
             when,
-            then: self.timing.for_answer(),
+            then,
         }
+    }
+
+    /// Listening for a frame of `bytes`, due `due_us` after the poll.
+    fn listen(&self, poll_tx: DeviceTime, due_us: u32, bytes: usize) -> Command {
+        Command::Listen {
+            until: Some(self.table.until(&self.timing, poll_tx, due_us, bytes)),
+        }
+    }
+
+    /// The same `due_us` after a frame of `own` bytes that is about to be sent.
+    fn listen_after(&self, own: usize, due_us: u32, bytes: usize) -> Then {
+        listen_after(&self.timing, own, due_us, MAX_ROUND_TRIP, bytes)
     }
 
     fn fail(&mut self, why: Failure) -> Step {
         self.state = State::Idle;
-        Step::with(Command::Idle, Outcome::Failed(why))
+        Step::with(
+            Command::Idle,
+            Outcome::Failed {
+                peer: Address::BROADCAST,
+                why,
+            },
+        )
     }
 }
+
+/// What the radio does behind a frame of `own` bytes to hear one of `bytes`, due `due_us`
+/// behind its marker and up to `late` later.
+pub(crate) fn listen_after(
+    timing: &Timing,
+    own: usize,
+    due_us: u32,
+    late: Ticks,
+    bytes: usize,
+) -> Then {
+    let after_us =
+        due_us.saturating_sub(timing.tail_us(own) + timing.preamble_us() + LISTEN_EARLY_US);
+    let end_us = due_us + late.to_us() + timing.tail_us(bytes) + LISTEN_EARLY_US;
+    Then::Listen {
+        after_us,
+        // Times in whole microseconds are rounded up: the own frame ends one sooner.
+        timeout_us: Some((end_us + 1).saturating_sub(timing.tail_us(own) + after_us)),
+    }
+}
+
+/// The two-way formula, and whether its result can be.
+pub(crate) fn checked(intervals: &Intervals) -> Result<TwoWay, Failure> {
+    let two_way = TwoWay::from_intervals(intervals).map_err(Failure::Tof)?;
+    // One way; noise and antenna delays that are not calibrated make ranges negative
+    // by metres, nothing by ten.
+    let furthest = MAX_ROUND_TRIP.get() as f64 / 2.0;
+    let nearest = -(NEAREST.get() as f64);
+    if (nearest..=furthest).contains(&two_way.time_of_flight_ticks) {
+        Ok(two_way)
+    } else {
+        Err(Failure::Implausible)
+    }
+}
+
+/// A time of flight more negative than this, 10 m, is none.
+const NEAREST: Ticks = Ticks::new(2_132);

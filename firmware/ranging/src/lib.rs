@@ -1,12 +1,13 @@
 //! Two-way ranging as pure values: no radio, no executor, no clock of its own.
 //!
-//! Two nodes exchange four frames; each notes when the frames pass its antenna
-//! on its own 63.8976 GHz clock; the six time stamps give the time of flight:
+//! One initiator and up to eight responders exchange frames in a round; each notes when
+//! the frames pass its antenna on its own 63.8976 GHz clock; six time stamps give the
+//! time of flight between the initiator and one responder:
 //!
 //! ```text
-//!  initiator  t1 ──poll──┐        ┌─► t4 ... t5 ──final──┐        ┌─► report
-//!                        ▼        │                      ▼        │
-//!  responder            t2 ... t3 ┘ response             t6 ──────┘
+//!  initiator    t1 ──poll──┐        ┌─► t4 ... t5 ──final──┐        ┌─► report
+//!                          ▼        │                      ▼        │
+//!  responder k            t2 ... t3 ┘ response             t6 ──────┘
 //! ```
 //!
 //! | module | what |
@@ -15,10 +16,12 @@
 //! | [`tof`] | time of flight and clock offset from the six stamps |
 //! | [`frame`] | the bytes in the air |
 //! | [`phy`] | modes of the radio, air times, how soon a frame can be answered |
-//! | [`exchange`] | events, commands and outcomes common to both parts |
+//! | [`timetable`] | when each frame of a round is due |
+//! | [`exchange`] | events, commands and outcomes common to all parts |
 //! | [`initiator`], [`responder`] | the two state machines |
 //!
-//! Start reading at [`tof`], then [`initiator`].
+//! Start reading at [`tof`], then [`timetable`] and [`initiator`]. docs/air-protocol.md
+//! shows the whole.
 #![no_std]
 
 #[cfg(test)]
@@ -30,14 +33,14 @@ pub mod initiator;
 pub mod phy;
 pub mod responder;
 pub mod time;
+pub mod timetable;
 pub mod tof;
 
-pub use exchange::{
-    Command, Event, Failure, Ignored, Measurement, Outcome, Step, Then, Timing, When,
-};
-pub use frame::{Address, Frame, FrameBuffer, FrameError, Message, PanId};
+pub use exchange::{Command, Event, Failure, Ignored, Measurement, Outcome, Step, Then, When};
+pub use frame::{Address, Frame, FrameBuffer, FrameError, MAX_RESPONDERS, Message, PanId};
 pub use initiator::Initiator;
 pub use phy::PhyProfile;
 pub use responder::Responder;
 pub use time::{DeviceTime, Ticks};
+pub use timetable::{Timetable, Timing};
 pub use tof::{Intervals, Stamps, TofError, TwoWay};

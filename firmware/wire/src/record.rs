@@ -211,8 +211,8 @@ pub struct Counters {
     pub ranges: u32,
     /// Initiator: no response to a poll.
     pub no_response: u32,
-    /// Initiator: no response to a poll that went to all nodes in search of new
-    /// ones. Nobody is missing.
+    /// Initiator: slots open to unknown nodes in which nobody answered. Nobody is
+    /// missing.
     pub unanswered_searches: u32,
     /// Responder: no final after a response.
     pub no_final: u32,
@@ -244,4 +244,16 @@ pub struct Counters {
     pub bus_errors: u32,
     /// Records thrown away because the line to the host was too slow for them.
     pub records_dropped: u32,
+    /// Responder: a final that says that this node's response was not heard.
+    pub not_heard: u32,
+    /// Ranges less than nothing, or further than any radio reaches.
+    pub implausible: u32,
+    /// Frames that were due, but not when they came: repeated by somebody.
+    pub out_of_time: u32,
+    /// Responder: polls that want their answer sooner than this node can give it.
+    pub polls_too_fast: u32,
+    /// Initiator: slots of the superframe in which no round was possible.
+    pub slots_left_out: u32,
+    /// Coordinator: beacons not sent because the air was taken.
+    pub beacons_left_out: u32,
 }

@@ -80,6 +80,12 @@ fn records() -> [Record; 3] {
                 radio_resets: 8,
                 bus_errors: 9,
                 records_dropped: 300,
+                not_heard: 10,
+                implausible: 11,
+                out_of_time: 12,
+                polls_too_fast: 13,
+                slots_left_out: 14,
+                beacons_left_out: 15,
             },
         }),
     ]

@@ -91,6 +91,12 @@ fn the_longest_record_fits() {
             radio_resets: all,
             bus_errors: all,
             records_dropped: all,
+            not_heard: all,
+            implausible: all,
+            out_of_time: all,
+            polls_too_fast: all,
+            slots_left_out: all,
+            beacons_left_out: all,
         },
     });
     let bytes = frames(&[longest]).concat();
