@@ -92,9 +92,10 @@ async fn sleep(interrupt: &mut Input<'static>, wake_us: u64) {
     // The clock ticks at 32 768 Hz and is read rounded down: without the tick on top the loop would wake
     // just before the time it asked for, and spin until it comes.
     let wake = Instant::from_micros(wake_us) + Duration::from_ticks(1);
-    select(interrupt.wait_for_high(), Timer::at(wake)).await;
-    // The UART task has its turn even if the interrupt line never goes low.
+    // The UART task has its turn even if the interrupt line never goes low. Here and not behind the wait, where a
+    // frame may wait for its answer.
     yield_now().await;
+    select(interrupt.wait_for_high(), Timer::at(wake)).await;
 }
 
 /// Microseconds since the start, in steps of 30.5 µs.
