@@ -35,6 +35,8 @@
 //!   overrun; time stamps with noise, both antenna delays, and the error after a missing receiver reset.
 //! - RX power, first-path power, RXPACC, carrier integrator, time tracking, a made-up impulse response.
 //! - Path loss, flight time, moving boards, obstructed links, loss, scripted faults, collisions with capture.
+//! - Mishaps at random: damaged and repeated frames, bits lost on the SPI, interrupts served late, brown-outs, receivers
+//!   that go deaf; a host that does not read.
 //!
 //! # Not modelled
 //! - Sleep, snooze, wake-up and the AON memory; automatic acknowledgement; external sync; GPIO, LEDs, temperature and
@@ -61,7 +63,7 @@ pub mod time;
 pub mod world;
 
 pub use air::{ChannelConfig, Fault, FaultAction, LinkEffect, Motion, Position};
-pub use board::{BoardConfig, BoardHal, SpiTiming, UartChunk, UartConfig};
+pub use board::{BoardConfig, BoardHal, MishapStats, Mishaps, SpiTiming, UartChunk, UartConfig};
 pub use clock::ClockConfig;
 pub use error::SimError;
 pub use simulation::{BoardId, BoardStats, SimConfig, SimStats, Simulation};

@@ -9,7 +9,7 @@ use std::fmt;
 use std::rc::Rc;
 
 use crate::air::{ChannelConfig, Fault, LinkEffect};
-use crate::board::{BoardConfig, BoardHal, BoardState, Core, Port, UartChunk};
+use crate::board::{BoardConfig, BoardHal, BoardState, Core, MishapStats, Port, UartChunk};
 use crate::chip::{ChipConfig, ChipStats};
 use crate::coroutine::{BoardCode, Outcome, PausePoint};
 use crate::error::SimError;
@@ -32,6 +32,7 @@ pub struct SimConfig {
 pub struct Simulation {
     core: Rc<RefCell<Core>>,
     codes: Vec<Code>,
+    seed: u64,
 }
 
 /// A board's code before, while and after it runs.
@@ -65,6 +66,8 @@ pub struct BoardStats {
     pub uart_overflow_bytes: u64,
     /// In its DW1000.
     pub chip: ChipStats,
+    /// What went wrong at random.
+    pub mishaps: MishapStats,
 }
 
 impl Simulation {
@@ -77,6 +80,7 @@ impl Simulation {
                 running: None,
             })),
             codes: Vec::new(),
+            seed: config.seed,
         }
     }
 
@@ -87,7 +91,8 @@ impl Simulation {
         main: impl FnOnce(BoardHal) + 'static,
     ) -> BoardId {
         let mut core = self.core.borrow_mut();
-        core.boards.push(BoardState::new(&config));
+        let index = core.boards.len() as u64;
+        core.boards.push(BoardState::new(&config, self.seed, index));
         let id = core.world.add_chip(ChipConfig {
             clock: config.clock,
             motion: config.motion,
@@ -240,6 +245,21 @@ impl Simulation {
         self.core.borrow_mut().world.add_fault(fault);
     }
 
+    /// From now on nothing goes wrong on any board, nor on the air beyond its [`ChannelConfig`]. What has gone
+    /// wrong stays so.
+    pub fn end_mishaps(&mut self) {
+        let mut core = self.core.borrow_mut();
+        core.boards.iter_mut().for_each(BoardState::end_mishaps);
+    }
+
+    /// The host takes nothing from a board's UART until `until`; what does not fit its buffer is lost.
+    pub fn stall_uart(&mut self, board: BoardId, until: SimTime) {
+        let mut core = self.core.borrow_mut();
+        if let Some(board) = core.boards.get_mut(board.0) {
+            board.uart.stall(until);
+        }
+    }
+
     /// Drops the next `count` frames that a board sends.
     pub fn drop_next(&mut self, from: BoardId, count: u64) {
         let mut core = self.core.borrow_mut();
@@ -263,6 +283,7 @@ impl Simulation {
             finished: board.finished,
             uart_overflow_bytes: board.uart.overflow_bytes,
             chip: core.world.chip_stats(ChipId(i)),
+            mishaps: board.mishaps(),
         });
         SimStats {
             air: core.world.air_stats(),

@@ -35,6 +35,10 @@ pub struct AirStats {
     pub lost: u64,
     /// Signals dropped or corrupted by script.
     pub faults: u64,
+    /// Signals corrupted at random.
+    pub corrupted: u64,
+    /// Signals that came a second time.
+    pub repeated: u64,
 }
 
 /// Stream of random numbers for losses; chips take the streams from 0 on.
@@ -209,6 +213,17 @@ impl World {
         self.with_chip(chip, t, |chip, now| chip.set_reset(now, low));
     }
 
+    /// The chip's supply breaks down for a moment: it starts anew with nothing set.
+    pub fn brown_out(&mut self, chip: ChipId, t: SimTime) {
+        self.set_reset(chip, t, true);
+        self.set_reset(chip, t, false);
+    }
+
+    /// The chip's receiver hears nothing any more until the chip is reset.
+    pub fn stick_receiver(&mut self, chip: ChipId, t: SimTime) {
+        self.with_chip(chip, t, |chip, _| chip.stick_receiver());
+    }
+
     /// Level of the chip's IRQ pin now.
     pub fn irq_level(&self, chip: ChipId) -> bool {
         self.chip(chip).is_some_and(Chip::irq_level)
@@ -312,10 +327,33 @@ impl World {
         for to in (0..self.slots.len()).map(ChipId).filter(|to| *to != from) {
             if let Some(signal) = self.propagate(id, number, from, to, &frame) {
                 self.stats.signals += 1;
+                if let Some(late) = self.repetition(&signal) {
+                    let start = late.wave.start;
+                    self.schedule(start, to, ChipEvent::SignalStart(Box::new(late)));
+                }
                 let start = signal.wave.start;
                 self.schedule(start, to, ChipEvent::SignalStart(Box::new(signal)));
             }
         }
+    }
+
+    /// The same frame once more, if somebody repeats it.
+    fn repetition(&mut self, signal: &Signal) -> Option<Signal> {
+        let ChannelConfig {
+            repeat_probability,
+            repeat_delay: [least, most],
+            ..
+        } = self.channel;
+        if repeat_probability <= 0.0 || self.loss_rng.random::<f64>() >= repeat_probability {
+            return None;
+        }
+        self.stats.repeated += 1;
+        let span = most.as_s_f64() - least.as_s_f64();
+        let delay = least + SimDuration::from_s_f64(span * self.loss_rng.random::<f64>());
+        let mut late = signal.clone();
+        late.wave.delay(delay);
+        late.flight += delay;
+        Some(late)
     }
 
     /// The frame as it reaches `to`, if it does.
@@ -345,6 +383,11 @@ impl World {
             return None;
         }
 
+        let corrupt = self.channel.corrupt_probability > 0.0
+            && self.loss_rng.random::<f64>() < self.channel.corrupt_probability;
+        if corrupt {
+            self.stats.corrupted += 1;
+        }
         let distance_m = self.true_distance_m(from, to, frame.rmarker);
         let effect = self.links.get(&(from, to)).copied().unwrap_or_default();
         let loss_db = self.channel.path_loss_db(frame.phy.channel, distance_m) + effect.loss_db
@@ -358,15 +401,7 @@ impl World {
             distance_m / self.channel.speed_m_per_s + effect.extra_delay_ps * 1e-12,
         );
         let mut wave = frame.clone();
-        for moment in [
-            &mut wave.start,
-            &mut wave.sfd_start,
-            &mut wave.rmarker,
-            &mut wave.phr_end,
-            &mut wave.end,
-        ] {
-            *moment += flight;
-        }
+        wave.delay(flight);
         wave.power_dbm = power_dbm;
         Some(Signal {
             frame: id,
@@ -374,7 +409,7 @@ impl World {
             wave,
             first_path_dbm: power_dbm - effect.first_path_loss_db,
             flight,
-            corrupt: fault == Some(FaultAction::Corrupt),
+            corrupt: corrupt || fault == Some(FaultAction::Corrupt),
         })
     }
 }

@@ -37,6 +37,21 @@ pub(crate) struct OutgoingFrame {
     pub(crate) clock_ppm: f64,
 }
 
+impl OutgoingFrame {
+    /// Moves the whole frame.
+    pub(crate) fn delay(&mut self, by: SimDuration) {
+        for moment in [
+            &mut self.start,
+            &mut self.sfd_start,
+            &mut self.rmarker,
+            &mut self.phr_end,
+            &mut self.end,
+        ] {
+            *moment += by;
+        }
+    }
+}
+
 /// A frame reaching one antenna: the same moments, later by the flight.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Signal {
@@ -68,8 +83,8 @@ struct Content {
 }
 
 impl FramesInFlight {
-    /// Longest time that a frame's bytes are needed after it ended: 30 km of flight.
-    const KEEP: SimDuration = SimDuration::from_us(100);
+    /// Longest time that a frame's bytes are needed after it ended: 30 km of flight, or repetitions.
+    const KEEP: SimDuration = SimDuration::from_ms(100);
 
     pub(crate) fn add(&mut self, id: FrameId, end: SimTime, now: SimTime) {
         self.frames.retain(|_, content| content.forget_at > now);

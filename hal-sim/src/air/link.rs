@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::phy::{Channel, DataRate};
+use crate::time::SimDuration;
 
 /// Properties of the medium that all boards share.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,6 +16,12 @@ pub struct ChannelConfig {
     pub antenna_gain_db: f64,
     /// Probability that a receiver does not notice a frame at all, independent of everything else.
     pub loss_probability: f64,
+    /// Probability that a frame reaches a receiver with a wrong bit, so that its FCS is wrong.
+    pub corrupt_probability: f64,
+    /// Probability that a frame reaches a receiver a second time: somebody repeats it as it was.
+    pub repeat_probability: f64,
+    /// Shortest and longest delay of such a repetition. Shorter than a frame it would destroy its original.
+    pub repeat_delay: [SimDuration; 2],
     /// How much stronger a frame must be than another on the same channel to survive the overlap, in dB.
     pub capture_threshold_db: f64,
     /// How much a frame with another preamble code or PRF is weakened as an interferer, in dB. Codes are nearly
@@ -31,6 +38,9 @@ impl Default for ChannelConfig {
             path_loss_exponent: 2.0,
             antenna_gain_db: 0.0,
             loss_probability: 0.0,
+            corrupt_probability: 0.0,
+            repeat_probability: 0.0,
+            repeat_delay: [SimDuration::from_ms(1), SimDuration::from_ms(10)],
             capture_threshold_db: 6.0,
             code_isolation_db: 10.0,
             sensitivity: Sensitivity::default(),

@@ -1,5 +1,6 @@
 //! What can be set about a simulated board.
 
+use super::mishaps::Mishaps;
 use crate::air::Motion;
 use crate::chip::{ChipConfig, ChipTiming, OtpConfig, Quirks};
 use crate::clock::ClockConfig;
@@ -34,6 +35,8 @@ pub struct BoardConfig {
     pub irq_latency: SimDuration,
     /// SPI.
     pub spi: SpiTiming,
+    /// What goes wrong at random.
+    pub mishaps: Mishaps,
     /// UART to the host.
     pub uart: UartConfig,
     /// Stack of the board's code in bytes.
@@ -57,6 +60,7 @@ impl Default for BoardConfig {
             boot_delay: SimDuration::from_ms(5),
             irq_latency: SimDuration::from_us(2),
             spi: SpiTiming::default(),
+            mishaps: Mishaps::default(),
             uart: UartConfig::default(),
             stack_bytes: 1 << 20,
         }

@@ -9,6 +9,7 @@ use crate::time::{SimDuration, SimTime};
 use crate::world::{ChipId, World};
 
 use super::config::{BoardConfig, SpiTiming};
+use super::mishaps::{Befalls, Luck, MishapStats};
 use super::uart::UartState;
 
 /// Shared by the scheduler and all HAL handles. Borrowed for single steps only, never across a pause.
@@ -30,6 +31,7 @@ pub(crate) struct BoardState {
     irq_latency: SimDuration,
     spi: SpiTiming,
     spi_hz: u32,
+    luck: Luck,
     /// Time that the code has used up but that has not passed yet.
     debt: SimDuration,
 }
@@ -46,7 +48,7 @@ pub(crate) enum Wait {
 const CALL_COST: SimDuration = SimDuration::from_ns(100);
 
 impl BoardState {
-    pub(crate) fn new(config: &BoardConfig) -> Self {
+    pub(crate) fn new(config: &BoardConfig, seed: u64, index: u64) -> Self {
         let boot = SimTime::ZERO + config.boot_delay;
         BoardState {
             name: config.name.clone(),
@@ -57,8 +59,19 @@ impl BoardState {
             irq_latency: config.irq_latency,
             spi: config.spi,
             spi_hz: config.spi.initial_hz,
+            luck: Luck::new(config.mishaps, seed, index),
             debt: SimDuration::ZERO,
         }
+    }
+
+    /// Nothing goes wrong from now on.
+    pub(crate) fn end_mishaps(&mut self) {
+        self.luck.end();
+    }
+
+    /// What went wrong so far.
+    pub(crate) fn mishaps(&self) -> MishapStats {
+        self.luck.stats
     }
 }
 
@@ -162,7 +175,7 @@ impl Port {
         self.pause.pause();
         let high = self.irq();
         if high {
-            self.with_board(|board, _| board.debt += board.irq_latency);
+            self.with_board(|board, _| board.debt += board.irq_latency + board.luck.lateness());
             self.pass(SimDuration::ZERO);
         }
         high
@@ -191,13 +204,28 @@ impl Port {
     pub(crate) fn select(&self) {
         let before = self.with_board(|board, _| board.spi.before);
         self.pass(before.unwrap_or_default());
+        match self
+            .with_board(|board, now| board.luck.befalls(now))
+            .flatten()
+        {
+            Some(Befalls::BrownOut) => {
+                self.with_world(|world, now| world.brown_out(self.board, now));
+            }
+            Some(Befalls::StuckReceiver) => {
+                self.with_world(|world, now| world.stick_receiver(self.board, now));
+            }
+            None => {}
+        }
         self.with_world(|world, now| world.spi_select(self.board, now));
     }
 
     pub(crate) fn transfer(&self, mosi: &[u8], miso: &mut [u8]) {
         self.pass(SimDuration::ZERO);
         let hz = self.with_board(|board, _| board.spi_hz).unwrap_or(1);
-        self.with_world(|world, now| world.spi_transfer(self.board, now, hz, mosi, miso));
+        let mut sent = mosi.to_vec();
+        self.with_board(|board, _| board.luck.damage(&mut sent));
+        self.with_world(|world, now| world.spi_transfer(self.board, now, hz, &sent, miso));
+        self.with_board(|board, _| board.luck.damage(miso));
         self.charge(SimDuration::of_bits(8 * mosi.len() as u64, hz));
     }
 

@@ -6,12 +6,14 @@
 mod config;
 mod core;
 mod delay;
+mod mishaps;
 mod pins;
 mod spi;
 mod uart;
 
 pub use config::{BoardConfig, SpiTiming, UartConfig};
 pub use delay::Delay;
+pub use mishaps::{MishapStats, Mishaps};
 pub use pins::{Irq, Reset};
 pub use spi::{ChipSelect, Spi, SpiDev};
 pub use uart::{UartChunk, UartRx, UartTx};

@@ -76,6 +76,11 @@ impl UartState {
         n
     }
 
+    /// Nothing goes to the host until `until`.
+    pub(crate) fn stall(&mut self, until: SimTime) {
+        self.to_host_busy_until = self.to_host_busy_until.max(until);
+    }
+
     /// What has reached the host by `now`.
     pub(crate) fn drain(&mut self, now: SimTime) -> Vec<UartChunk> {
         let arrived = self.to_host.iter().take_while(|c| c.t <= now).count();

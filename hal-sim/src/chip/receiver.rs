@@ -74,6 +74,8 @@ pub(super) struct Receiver {
     pub(super) signals: Vec<Signal>,
     pub(super) lde: LeadingEdge,
     pub(super) held_in_reset: bool,
+    /// Hears nothing until the chip is reset.
+    stuck: bool,
     /// An error has happened since the last receiver reset.
     pub(super) stale: bool,
     pub(super) accumulator: Option<Accumulator>,
@@ -116,6 +118,7 @@ impl Receiver {
     /// Back to the state after a chip reset; what is on the air stays there.
     pub(super) fn reset(&mut self) {
         self.held_in_reset = false;
+        self.stuck = false;
         self.stale = false;
         self.lde.cancel();
         self.accumulator = None;
@@ -144,6 +147,11 @@ impl Chip {
         let turn = self.after_ticks(now, units * TIMER_UNIT_TICKS);
         let on = turn + self.timing.rx_start_up;
         self.start_receiver_at(on);
+    }
+
+    /// The receiver goes on as if nobody ever sent.
+    pub(crate) fn stick_receiver(&mut self) {
+        self.receiver.stuck = true;
     }
 
     /// Returns whether the receiver could take the command.
@@ -273,7 +281,10 @@ impl Chip {
             ..
         } = hunt.settings;
         let matches = (phy.channel, phy.prf, phy.preamble_code) == (channel, prf, preamble_code);
-        if !matches || signal.wave.power_dbm < self.air.sensitivity.dbm(phy.rate) {
+        if !matches
+            || self.receiver.stuck
+            || signal.wave.power_dbm < self.air.sensitivity.dbm(phy.rate)
+        {
             return;
         }
         let symbols = u64::from(self.timing.detection_pacs) * u64::from(pac);
