@@ -3,7 +3,9 @@
 use nova_cli::sim_node;
 use nova_hal_sim::{BoardConfig, BoardId, SimConfig, SimError, SimTime, Simulation};
 use nova_node::{ConfigError, NodeConfig};
-use nova_wire::{Counters, Decoder, Event, Range, Record, Statistics};
+use nova_wire::{
+    Counters, Decoder, Event, Overheard, OverheardInterval, Range, Record, Statistics,
+};
 
 /// Boards in one air, each running the firmware's node.
 pub struct Network {
@@ -18,6 +20,10 @@ pub struct BoardLog {
     pub bytes: Vec<u8>,
     /// Every range.
     pub ranges: Vec<Range>,
+    /// Every frame overheard.
+    pub overheard: Vec<Overheard>,
+    /// Every interval overheard.
+    pub intervals: Vec<OverheardInterval>,
     /// The counters of the last status record.
     pub counters: Counters,
     /// What the decoder counted.
@@ -94,6 +100,14 @@ impl BoardLog {
                     record: Record::Status(status),
                     ..
                 } => self.counters = status.counters,
+                Event::Record {
+                    record: Record::Overheard(overheard),
+                    ..
+                } => self.overheard.push(overheard),
+                Event::Record {
+                    record: Record::OverheardInterval(interval),
+                    ..
+                } => self.intervals.push(interval),
                 Event::Record { .. } | Event::Trouble(_) => {}
             }
         }

@@ -45,7 +45,7 @@ pub struct Board {
     pub name: String,
     /// Short address.
     pub address: u16,
-    /// `tag` or `anchor`, which sets the part.
+    /// `tag`, `anchor` or `listener`, which sets the part.
     pub role: BoardRole,
     /// Where, in metres.
     pub position_m: [f64; 3],
@@ -89,6 +89,8 @@ pub enum BoardRole {
     Tag,
     /// Polls.
     Anchor,
+    /// Listens.
+    Listener,
 }
 
 /// What stands between two boards.
@@ -138,6 +140,9 @@ pub struct Expectation {
     pub board: String,
     /// Whom its ranges are to, by name; all ranges if absent.
     pub to: Option<String>,
+    /// Only ranges from this time on, in seconds of the board's own time.
+    #[serde(default)]
+    pub from_s: f64,
     /// Least and most ranges.
     pub ranges: [usize; 2],
     /// Most that the mean error may be, in metres.
@@ -262,6 +267,7 @@ impl Scenario {
             .ranges
             .iter()
             .filter(|range| to.is_none_or(|to| range.peer == to.address))
+            .filter(|range| range.t_us as f64 * 1e-6 >= e.from_s)
             .collect();
         if !(e.ranges[0]..=e.ranges[1]).contains(&ranges.len()) {
             miss(format!(
@@ -373,6 +379,7 @@ impl Board {
         let mut config = match self.role {
             BoardRole::Tag => NodeConfig::tag(address),
             BoardRole::Anchor => NodeConfig::anchor(address),
+            BoardRole::Listener => NodeConfig::listener(address),
         };
         config.reply_us = self.reply_us.unwrap_or(config.reply_us);
         if let Some(pan) = self.pan {
@@ -382,6 +389,7 @@ impl Board {
             period_us,
             per_round,
             peers,
+            ..
         } = &mut config.part
         {
             *period_us = self.period_us.unwrap_or(*period_us);

@@ -95,6 +95,7 @@ impl Boards {
             period_us: (PERIOD_S * 1e6) as u32,
             per_round: 1,
             peers: [Address(2)].into_iter().collect(),
+            sharing: nova_node::Sharing::Elect,
         };
         let vehicle = network
             .add(board("vehicle", 3.0, moving), initiator)

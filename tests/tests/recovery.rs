@@ -63,7 +63,7 @@ fn serve(hal: &BoardHal, config: NodeConfig, mishap: Mishap, seen: &RefCell<Seen
         let wake_us = node.service(now_us, &mut |record| match record {
             Record::Range(_) => seen.borrow_mut().ranges_us.push(now_us),
             Record::Status(status) => seen.borrow_mut().counters = status.counters,
-            Record::Boot(_) => {}
+            _ => {}
         });
         let wake_us = release_us.map_or(wake_us, |at| wake_us.min(at));
         hal.wait_irq_until(wake_us);

@@ -4,7 +4,7 @@
 
 use nova_hal_sim::{BoardConfig, ChannelConfig, ClockConfig, Motion, SimConfig};
 use nova_node::ranging::Address;
-use nova_node::{NodeConfig, Part};
+use nova_node::{NodeConfig, Part, Sharing};
 use nova_tests::{BoardLog, Network};
 
 const EXCHANGES: usize = 10_000;
@@ -50,6 +50,7 @@ impl Pair {
             period_us,
             per_round: 1,
             peers: [Address(2)].into_iter().collect(),
+            sharing: Sharing::Elect,
         };
         // Both clocks wrap, at different times, while the test runs.
         let a = board("anchor", 0.0, ppm_a, 1 << 39);

@@ -15,6 +15,8 @@ pub(crate) mod header {
     /// TX_BUFFER (7.2.11).
     pub(crate) const WRITE_TX_BUFFER: u8 = 0x80 | 0x09;
     /// DX_TIME (7.2.12).
+    pub(crate) const READ_DX_TIME: u8 = 0x0A;
+    /// See [`READ_DX_TIME`].
     pub(crate) const WRITE_DX_TIME: u8 = 0x80 | 0x0A;
     /// RX_FWTO: receive frame wait timeout, in units of 512/499.2 us (7.2.14).
     pub(crate) const WRITE_RX_FWTO: u8 = 0x80 | 0x0C;

@@ -2,6 +2,7 @@
 
 use crate::peers::MAX_PEERS;
 use nova_ranging::exchange::Identity;
+use nova_ranging::superframe::Sharing;
 use nova_ranging::{Address, PanId, PhyProfile, Ticks, Timing};
 use nova_wire::{ResetCause, Role};
 
@@ -35,6 +36,8 @@ pub struct NodeConfig {
 pub enum Part {
     /// Answers polls.
     Responder,
+    /// Says nothing, and tells the host of every frame that it hears.
+    Listener,
     /// Polls.
     Initiator {
         /// From the start of one round to the start of the next, in microseconds.
@@ -43,6 +46,8 @@ pub enum Part {
         per_round: u8,
         /// Whom to poll, in turn; whoever is there if empty.
         peers: heapless::Vec<Address, MAX_PEERS>,
+        /// How to share the air with other initiators.
+        sharing: Sharing,
     },
 }
 
@@ -107,6 +112,11 @@ impl NodeConfig {
         Self::new(address, Role::Tag, Part::Responder)
     }
 
+    /// An anchor that says nothing, and tells the host of every frame that it hears.
+    pub const fn listener(address: Address) -> Self {
+        Self::new(address, Role::Anchor, Part::Listener)
+    }
+
     /// An anchor: finds the tags around it and polls up to four of them in
     /// each of 100 rounds a second.
     pub const fn anchor(address: Address) -> Self {
@@ -114,6 +124,7 @@ impl NodeConfig {
             period_us: 10_000,
             per_round: 4,
             peers: heapless::Vec::new(),
+            sharing: Sharing::Elect,
         };
         Self::new(address, Role::Anchor, part)
     }

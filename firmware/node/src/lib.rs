@@ -32,5 +32,7 @@ pub use node::{Node, StartError};
 pub use peers::MAX_PEERS;
 pub use radio::RadioError;
 
+pub use nova_ranging::superframe::Sharing;
+
 /// Two-way ranging itself: addresses, device time, failures.
 pub use nova_ranging as ranging;

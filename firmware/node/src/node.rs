@@ -8,12 +8,15 @@ use crate::radio::{EMPTY_RX_BUFFER, Radio, RadioError, RadioEvent};
 use core::fmt;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::OutputPin;
+use nova_ranging::superframe::{Random, Superframe, Turn};
 use nova_ranging::tof::SPEED_OF_LIGHT_AIR_M_PER_S;
 use nova_ranging::{
-    Address, Command, DeviceTime, Event, Failure, Ignored, Initiator, MAX_RESPONDERS, Measurement,
-    Outcome, Responder, Step, Then, Ticks, Timing,
+    Address, Command, DeviceTime, Event, Failure, Frame, FrameError, Ignored, Initiator,
+    MAX_RESPONDERS, Measurement, Message, Outcome, Responder, Step, Then, Ticks, Timing,
 };
-use nova_wire::{Boot, Counters, Range, RangeFlags, Record, Status, Treatment};
+use nova_wire::{
+    Boot, Counters, Overheard, OverheardInterval, Range, RangeFlags, Record, Status, Treatment,
+};
 
 /// From one status record to the next.
 const STATUS_PERIOD_US: u64 = 1_000_000;
@@ -30,6 +33,12 @@ const LISTEN_REFRESH_US: u64 = 1_000_000;
 
 /// From one look at whether the radio still holds its settings to the next.
 const CHECK_PERIOD_US: u64 = 1_000_000;
+
+/// A radio that has received no frame for so long is started again.
+const SILENCE_US: u64 = 5_000_000;
+
+/// As is one that has given no range for that long although so many were tried.
+const FRUITLESS: u32 = 100;
 
 /// From a failed start of the radio to the next attempt.
 const RESTART_AFTER_US: u64 = 100_000;
@@ -58,6 +67,11 @@ pub struct Node<B, R, D> {
     counters: Counters,
     next_status_us: u64,
     next_check_us: u64,
+    /// When a frame was received last, or the radio started.
+    heard_us: u64,
+    /// When a range was measured last, or the radio started; and what failed since.
+    measured_us: u64,
+    fruitless: u32,
     booted: bool,
     /// Whether the radio's start has been tried before.
     tried: bool,
@@ -77,17 +91,33 @@ impl fmt::Display for StartError {
 impl core::error::Error for StartError {}
 
 /// The part in rounds, with what it takes beside its state machine.
+// There is one in a node, made at its start and never moved.
+#[allow(clippy::large_enum_variant)]
 enum Playing {
-    Initiator {
-        machine: Initiator,
-        peers: Peers,
-        /// Whether anybody was missing in the round that runs.
-        missed: bool,
-        period_us: u64,
-        next_us: u64,
-        spread: Spread,
-    },
+    Initiator(Polling),
     Responder(Responder),
+    Listener,
+}
+
+/// What an initiator has beside its radio.
+struct Polling {
+    machine: Initiator,
+    air: Superframe,
+    peers: Peers,
+    /// Who was named in the round that runs, or ran last, and has given no range yet.
+    missing: heapless::Vec<Address, MAX_RESPONDERS>,
+    /// Until when a repeat has to be over, if there may be one.
+    repeat_until_us: Option<u64>,
+    /// Whether anybody was missing in the round that runs.
+    missed: bool,
+    /// The frame that is being sent is a beacon.
+    beacon: bool,
+    period_us: u64,
+    /// When the next round is due.
+    next_us: u64,
+    /// When to look again whether it can begin.
+    turn_us: u64,
+    spread: Spread,
 }
 
 /// What the radio is at, and until when at most.
@@ -118,7 +148,7 @@ enum Doing {
 /// Without it two that have the same period and meet once meet every time.
 #[derive(Clone, Copy, Debug)]
 struct Spread {
-    state: u32,
+    random: Random,
     /// From the earliest to the latest, in microseconds.
     width_us: u32,
 }
@@ -127,20 +157,14 @@ impl Spread {
     /// Two exchanges wide, from a different start for each address.
     fn new(address: Address, reply_us: u32) -> Self {
         Self {
-            // xorshift must not start at 0.
-            state: u32::from(address.0) | 0x1_0000,
+            random: Random::new(address),
             width_us: 8 * reply_us,
         }
     }
 
     /// A shift to either side, so that the rate stays.
     fn next_us(&mut self) -> i64 {
-        // xorshift32 (Marsaglia 2003).
-        self.state ^= self.state << 13;
-        self.state ^= self.state >> 17;
-        self.state ^= self.state << 5;
-        let shift_us = (u64::from(self.state) * u64::from(self.width_us)) >> 32;
-        shift_us as i64 - i64::from(self.width_us / 2)
+        i64::from(self.random.below(self.width_us)) - i64::from(self.width_us / 2)
     }
 }
 
@@ -154,18 +178,34 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let timing = config.timing();
         let playing = match &config.part {
             Part::Responder => Playing::Responder(Responder::new(config.identity, timing)),
+            Part::Listener => Playing::Listener,
             Part::Initiator {
                 period_us,
                 per_round,
                 peers,
-            } => Playing::Initiator {
-                machine: Initiator::new(config.identity, timing),
-                peers: Peers::new(peers, *per_round),
-                missed: false,
-                period_us: u64::from(*period_us),
-                next_us: 0,
-                spread: Spread::new(config.identity.address, config.reply_us),
-            },
+                sharing,
+            } => {
+                let peers = Peers::new(peers, *per_round);
+                Playing::Initiator(Polling {
+                    machine: Initiator::new(config.identity, timing),
+                    air: Superframe::new(
+                        config.identity,
+                        *sharing,
+                        timing,
+                        peers.slots(),
+                        *period_us,
+                    ),
+                    peers,
+                    missing: heapless::Vec::new(),
+                    repeat_until_us: None,
+                    missed: false,
+                    beacon: false,
+                    period_us: u64::from(*period_us),
+                    next_us: 0,
+                    turn_us: 0,
+                    spread: Spread::new(config.identity.address, config.reply_us),
+                })
+            }
         };
         Ok(Self {
             radio: Radio::new(bus, reset, delay, config.antenna_delay),
@@ -177,6 +217,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             counters: Counters::default(),
             next_status_us: 0,
             next_check_us: 0,
+            heard_us: 0,
+            measured_us: 0,
+            fruitless: 0,
             booted: false,
             tried: false,
         })
@@ -253,6 +296,12 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 
     /// Radio events first, then deadlines, then new rounds.
     fn run(&mut self, now_us: u64, emit: &mut impl FnMut(&Record)) -> Result<(), RadioError> {
+        // There may be nobody; or this radio is deaf, or mute, which looks the same.
+        let mute = self.fruitless >= FRUITLESS && now_us >= self.measured_us + SILENCE_US;
+        if mute || now_us >= self.heard_us + SILENCE_US {
+            count(&mut self.counters.silences);
+            return self.radio.start().and_then(|()| self.begin(now_us));
+        }
         let mut buffer = EMPTY_RX_BUFFER;
         for _ in 0..EVENTS_PER_CALL {
             let Some(event) = self.radio.poll(&mut buffer)? else {
@@ -260,18 +309,32 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             };
             let event = match event {
                 RadioEvent::Sent { at } => Event::Sent { at },
-                RadioEvent::Received { bytes, at } => Event::Received { bytes, at },
+                RadioEvent::Received { bytes, at } => {
+                    self.heard_us = now_us;
+                    Event::Received { bytes, at }
+                }
                 RadioEvent::ListenTimeout => Event::ListenTimeout,
                 RadioEvent::Damaged => {
                     count(&mut self.counters.damaged_frames);
+                    if let Playing::Initiator(polling) = &mut self.playing {
+                        polling.air.on_noise(now_us);
+                    }
                     match self.keep_listening(now_us)? {
                         Some(event) => event,
                         None => continue,
                     }
                 }
             };
-            self.handle(event, now_us, emit)?;
+            if let Playing::Listener = self.playing {
+                self.eavesdrop(event, now_us, emit)?;
+            } else if matches!(self.playing, Playing::Initiator(_)) && self.playing.is_idle() {
+                self.overhear(event, now_us)?;
+            } else {
+                self.handle(event, now_us, emit)?;
+            }
         }
+        let c = &mut self.counters;
+        c.bus_errors = c.bus_errors.wrapping_add(self.radio.take_bus_errors());
         self.check_deadlines(now_us);
         self.check_settings(now_us)?;
         self.start_round(now_us)
@@ -303,14 +366,23 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 Some(Outcome::Measured(measurement)) => {
                     let record = self.range_record(&measurement, now_us)?;
                     count(&mut self.counters.ranges);
+                    (self.measured_us, self.fruitless) = (now_us, 0);
                     emit(&Record::Range(record));
-                    self.playing.answered(measurement.peer);
+                    self.playing.measured(measurement.peer);
                 }
                 Some(Outcome::Failed { peer, why }) => {
                     count(self.failure_counter(&why));
+                    if why != Failure::NobodyNew {
+                        self.fruitless = self.fruitless.saturating_add(1);
+                    }
                     self.playing.failed(peer);
                 }
-                Some(Outcome::Ignored(ignored)) => count(self.ignored_counter(ignored)),
+                Some(Outcome::Ignored(ignored)) => {
+                    count(self.ignored_counter(ignored));
+                    if let Event::Received { bytes, at } = event {
+                        self.note(bytes, at, now_us)?;
+                    }
+                }
                 None => {}
             }
             match next {
@@ -323,6 +395,99 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             *reception = self.radio.reception()?;
         }
         Ok(())
+    }
+
+    /// What an initiator hears and sends outside of its rounds.
+    fn overhear(&mut self, event: Event<'_>, now_us: u64) -> Result<(), RadioError> {
+        match event {
+            Event::Sent { at } => {
+                self.after_sending(at, now_us);
+                let at_us = now_us.saturating_sub(self.age_us(at)?);
+                if let Playing::Initiator(polling) = &mut self.playing
+                    && core::mem::take(&mut polling.beacon)
+                {
+                    polling.air.on_beacon_sent(at_us);
+                }
+                Ok(())
+            }
+            Event::Received { bytes, at } => {
+                self.keep_listening(now_us)?;
+                let identity = self.config.identity;
+                let counter = match Frame::parse(bytes) {
+                    Ok(frame) if frame.pan == identity.pan => &mut self.counters.others_frames,
+                    Err(FrameError::Check) => &mut self.counters.bus_errors,
+                    _ => &mut self.counters.foreign_frames,
+                };
+                count(counter);
+                self.note(bytes, at, now_us)
+            }
+            Event::ListenTimeout | Event::SendTooLate => {
+                count(&mut self.counters.unexpected_events);
+                self.listen(None, now_us).map(|_| ())
+            }
+        }
+    }
+
+    /// What a listener hears goes to the host.
+    fn eavesdrop(
+        &mut self,
+        event: Event<'_>,
+        now_us: u64,
+        emit: &mut impl FnMut(&Record),
+    ) -> Result<(), RadioError> {
+        let Event::Received { bytes, at } = event else {
+            count(&mut self.counters.unexpected_events);
+            return self.listen(None, now_us).map(|_| ());
+        };
+        let frame = match Frame::parse(bytes) {
+            Ok(frame) => frame,
+            Err(why) => {
+                count(self.ignored_counter(Ignored::NotOurs(why)));
+                return self.listen(None, now_us).map(|_| ());
+            }
+        };
+        let quality = self.radio.reception()?.quality(false);
+        let t_us = now_us.saturating_sub(self.age_us(at)?);
+        // Another may follow at once.
+        self.listen(None, now_us)?;
+        emit(&Record::Overheard(Overheard {
+            t_us,
+            at_ticks: at.ticks(),
+            pan: frame.pan.0,
+            source: frame.source.0,
+            destination: frame.destination.0,
+            message: frame.message.code(),
+            round: frame.round,
+            sequence: frame.sequence,
+            quality: Some(quality),
+        }));
+        for (peer, round, reply) in frame.intervals() {
+            emit(&Record::OverheardInterval(OverheardInterval {
+                source: frame.source.0,
+                peer: peer.0,
+                round: frame.round,
+                round_ticks: round.get(),
+                reply_ticks: reply.get(),
+            }));
+        }
+        Ok(())
+    }
+
+    /// Takes note of a frame that is not for this node's own round.
+    fn note(&mut self, bytes: &[u8], at: DeviceTime, now_us: u64) -> Result<(), RadioError> {
+        let at_us = now_us.saturating_sub(self.age_us(at)?);
+        if let Playing::Initiator(polling) = &mut self.playing {
+            match Frame::parse(bytes) {
+                Ok(frame) => polling.air.on_frame(&frame, at_us),
+                Err(_) => polling.air.on_noise(now_us),
+            }
+        }
+        Ok(())
+    }
+
+    /// How long ago the radio's clock showed `at`.
+    fn age_us(&mut self, at: DeviceTime) -> Result<u64, RadioError> {
+        Ok(self.radio.now()?.since(at).to_us().into())
     }
 
     /// What came of it, if that is known at once.
@@ -437,35 +602,39 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         Ok(())
     }
 
+    /// Begins what an initiator has to say, if it may.
     fn start_round(&mut self, now_us: u64) -> Result<(), RadioError> {
-        if self.doing != Doing::Nothing {
-            return Ok(());
-        }
-        let Playing::Initiator {
-            machine,
-            peers,
-            missed,
-            period_us,
-            next_us,
-            ..
-        } = &mut self.playing
-        else {
+        let listening = match self.doing {
+            Doing::Nothing => false,
+            Doing::ListeningForEver { .. } => true,
+            Doing::Sending { .. } | Doing::Listening { .. } | Doing::Down { .. } => return Ok(()),
+        };
+        let Playing::Initiator(polling) = &mut self.playing else {
             return Ok(());
         };
-        if now_us < *next_us {
-            return Ok(());
+        let command = polling.next(now_us);
+        let left_out = polling.air.take_left_out();
+        let listens = polling.air.listens();
+        let c = &mut self.counters;
+        c.slots_left_out = c.slots_left_out.wrapping_add(left_out.slots);
+        c.beacons_left_out = c.beacons_left_out.wrapping_add(left_out.beacons);
+        match command {
+            Some(command) => {
+                if listening {
+                    // The radio does not send while it listens.
+                    self.radio.switch_off()?;
+                }
+                // What is sent at once cannot be late.
+                self.carry_out(command, now_us).map(|_| ())
+            }
+            None if listens && !listening => self.listen(None, now_us).map(|_| ()),
+            None => Ok(()),
         }
-        // Rounds that there was no time for are left out, not made up for.
-        *next_us = (*next_us + *period_us).max(now_us);
-        *missed = false;
-        let Plan { named, open } = peers.next_round();
-        let command = machine.start(&named, open);
-        // A poll goes at once: it cannot be late.
-        self.carry_out(command, now_us).map(|_| ())
     }
 
     /// Puts a radio that was just started to work.
     fn begin(&mut self, now_us: u64) -> Result<(), RadioError> {
+        (self.heard_us, self.measured_us, self.fruitless) = (now_us, now_us, 0);
         if !self.playing.is_idle() {
             count(&mut self.counters.cut_off);
         }
@@ -474,11 +643,12 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 let command = machine.start();
                 self.carry_out(command, now_us).map(|_| ())
             }
-            Playing::Initiator {
-                machine, next_us, ..
-            } => {
-                machine.stop();
-                *next_us = (*next_us).max(now_us);
+            Playing::Listener => self.listen(None, now_us).map(|_| ()),
+            Playing::Initiator(polling) => {
+                polling.machine.stop();
+                polling.beacon = false;
+                polling.repeat_until_us = None;
+                polling.next_us = polling.next_us.max(now_us);
                 self.doing = Doing::Nothing;
                 Ok(())
             }
@@ -495,13 +665,18 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     }
 
     fn wake_us(&self) -> u64 {
-        let radio_us = match (self.doing, &self.playing) {
-            (Doing::Nothing, Playing::Initiator { next_us, .. }) => *next_us,
-            (Doing::Nothing, Playing::Responder(_)) => u64::MAX,
-            (Doing::Sending { until_us, .. }, _) => until_us,
-            (Doing::Listening { until_us, .. }, _) => until_us + LISTEN_GUARD_US,
-            (Doing::ListeningForEver { refresh_us }, _) => refresh_us.min(self.next_check_us),
-            (Doing::Down { retry_us }, _) => retry_us,
+        let turn_us = match &self.playing {
+            Playing::Initiator(polling) => polling.turn_us,
+            Playing::Responder(_) | Playing::Listener => u64::MAX,
+        };
+        let radio_us = match self.doing {
+            Doing::Nothing => turn_us,
+            Doing::Sending { until_us, .. } => until_us,
+            Doing::Listening { until_us, .. } => until_us + LISTEN_GUARD_US,
+            Doing::ListeningForEver { refresh_us } => {
+                refresh_us.min(self.next_check_us).min(turn_us)
+            }
+            Doing::Down { retry_us } => retry_us,
         };
         radio_us.min(self.next_status_us)
     }
@@ -521,7 +696,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let reception = (self.receptions.get(usize::from(m.slot)))
             .copied()
             .unwrap_or_default();
-        let initiator = matches!(self.playing, Playing::Initiator { .. });
+        let initiator = matches!(self.playing, Playing::Initiator(_));
         let quality = reception.quality(initiator);
         let mut flags = RangeFlags::default();
         if quality.rx_power_dbm - quality.first_path_power_dbm > WEAK_FIRST_PATH_DB {
@@ -563,6 +738,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     fn ignored_counter(&mut self, ignored: Ignored) -> &mut u32 {
         let c = &mut self.counters;
         match ignored {
+            // The radio's own check was good: the bus has lost a bit, here or there.
+            Ignored::NotOurs(FrameError::Check) => &mut c.bus_errors,
             Ignored::NotOurs(_) | Ignored::ForeignNetwork => &mut c.foreign_frames,
             Ignored::ForOthers
             | Ignored::WrongPeer
@@ -578,45 +755,102 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 impl Playing {
     fn on_event(&mut self, event: Event<'_>) -> Step {
         match self {
-            Self::Initiator { machine, .. } => machine.on_event(event),
+            Self::Initiator(polling) => polling.machine.on_event(event),
             Self::Responder(machine) => machine.on_event(event),
+            // It never comes here.
+            Self::Listener => Step {
+                command: Command::Listen { until: None },
+                outcome: None,
+            },
         }
     }
 
     /// Into the node's receptions: where that of the frame just taken belongs.
     fn slot(&self) -> usize {
         match self {
-            Self::Initiator { machine, .. } => machine.slot(),
-            Self::Responder(_) => 0,
+            Self::Initiator(polling) => polling.machine.slot(),
+            Self::Responder(_) | Self::Listener => 0,
         }
     }
 
-    fn answered(&mut self, peer: Address) {
-        if let Self::Initiator { peers, .. } = self {
-            peers.answered(peer);
+    fn measured(&mut self, peer: Address) {
+        if let Self::Initiator(polling) = self {
+            polling.peers.answered(peer);
+            polling.missing.retain(|&missing| missing != peer);
         }
     }
 
     fn failed(&mut self, peer: Address) {
-        if let Self::Initiator {
-            peers,
-            missed,
-            next_us,
-            spread,
-            ..
-        } = self
-        {
-            peers.failed(peer);
-            if !core::mem::replace(missed, true) {
-                *next_us = next_us.saturating_add_signed(spread.next_us());
+        if let Self::Initiator(polling) = self {
+            polling.peers.failed(peer);
+            if !core::mem::replace(&mut polling.missed, true) {
+                let shift_us = polling.spread.next_us();
+                polling.next_us = polling.next_us.saturating_add_signed(shift_us);
             }
         }
     }
 
     fn is_idle(&self) -> bool {
         match self {
-            Self::Initiator { machine, .. } => machine.is_idle(),
+            Self::Initiator(polling) => polling.machine.is_idle(),
             Self::Responder(machine) => machine.is_idle(),
+            Self::Listener => true,
+        }
+    }
+}
+
+impl Polling {
+    /// What to send now, if anything.
+    fn next(&mut self, now_us: u64) -> Option<Command> {
+        self.turn_us = now_us;
+        if let Some(until_us) = self.repeat_until_us.take() {
+            while !self.missing.is_empty() && !self.air.fits(now_us, self.missing.len(), until_us) {
+                self.missing.pop();
+            }
+            if !self.missing.is_empty() {
+                self.repeat_until_us = Some(until_us);
+                return Some(self.machine.start(&self.missing, 0));
+            }
+        }
+        match self.air.turn(now_us, self.next_us) {
+            Turn::Wait(until_us) => {
+                self.turn_us = until_us;
+                None
+            }
+            Turn::Talk { until_us } => {
+                // Rounds that there was no time for are left out, not made up for.
+                self.next_us = (self.next_us + self.period_us).max(now_us);
+                self.missed = false;
+                self.repeat_until_us = until_us;
+                let Plan {
+                    mut named,
+                    mut open,
+                } = self.peers.next_round();
+                self.air.set_slots(self.peers.slots());
+                if let Some(until_us) = until_us {
+                    // The slot may be shorter than was asked for, or have begun late.
+                    while named.len() + open > 1
+                        && !self.air.fits(now_us, named.len() + open, until_us)
+                    {
+                        if open > 0 {
+                            open -= 1;
+                        } else {
+                            named.pop();
+                        }
+                    }
+                }
+                self.missing = named;
+                Some(self.machine.start(&self.missing, open))
+            }
+            Turn::Beacon { superframe, beacon } => {
+                self.beacon = true;
+                let message = Message::Beacon(beacon);
+                Some(self.machine.say(Address::BROADCAST, superframe, message))
+            }
+            Turn::Join(coordinator) => {
+                let message = self.air.join();
+                Some(self.machine.say(coordinator, 0, message))
+            }
         }
     }
 }

@@ -9,7 +9,7 @@ pub const MAX_PEERS: usize = 8;
 const FAILURES_TO_DROP: u8 = 50;
 
 /// After so many rounds with known peers one has a slot open to nodes that are not known.
-const SEARCH_AFTER: u8 = 63;
+const SEARCH_AFTER: u8 = 15;
 
 /// Open slots while nobody is known.
 const OPEN_AT_FIRST: usize = 2;
@@ -61,6 +61,11 @@ impl Peers {
             next: 0,
             until_search: 0,
         }
+    }
+
+    /// Slots that a round has as a rule.
+    pub(crate) fn slots(&self) -> usize {
+        self.per_round.min(self.known.len()).max(1)
     }
 
     /// Whom to poll now. With nobody known all slots are open.
@@ -166,7 +171,7 @@ mod tests {
         peers.answered(A);
         let plans: heapless::Vec<_, 128> = (0..128).map(|_| peers.next_round()).collect();
         assert!(plans.iter().all(|plan| plan.named == [A]));
-        assert_eq!(plans.iter().filter(|plan| plan.open == 1).count(), 2);
+        assert_eq!(plans.iter().filter(|plan| plan.open == 1).count(), 8);
     }
 
     #[test]

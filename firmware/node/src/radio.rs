@@ -29,6 +29,8 @@ pub(crate) struct Radio<B, R, D> {
     set: Set,
     /// A frame was taken out of the radio whose events it still shows.
     taken: bool,
+    /// Times that the bus was seen to lose bits.
+    bus_errors: u32,
 }
 
 /// Registers that change from frame to frame, as they are in the radio.
@@ -152,6 +154,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             antenna_delay,
             set: Set::default(),
             taken: false,
+            bus_errors: 0,
         }
     }
 
@@ -166,7 +169,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         self.wait_for_clock()?;
         self.keep_transmitter_clock_on()?;
         self.bus.set_speed(SpiSpeed::Fast);
-        Ok(())
+        self.check_settings()
     }
 
     /// Sends a frame; the radio then does by itself what `then` says. `Ok(false)`
@@ -191,8 +194,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             command |= ctrl::WAIT4RESP;
         }
         self.write_raw(&[header::WRITE_SYS_CTRL, command])?;
-        if let When::At(_) = when
-            && self.is_late()?
+        if let When::At(start) = when
+            && (self.is_late()? || self.is_misled(start)?)
         {
             self.switch_off()?;
             return Ok(false);
@@ -279,7 +282,12 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     /// which is neither all zeros, as after a reset, nor all ones.
     pub(crate) fn check_settings(&mut self) -> Result<(), RadioError> {
         let mask = ll!(self.ll().sys_mask().read())?;
-        if mask.mrxfcg() == 1 && mask.mtxfrs() == 1 && mask.maffrej() == 0 {
+        // A wrong antenna delay would make every range wrong, and nothing else show it.
+        let AntennaDelay { tx_ticks, rx_ticks } = self.antenna_delay;
+        let rx = ll!(self.ll().lde_rxantd().read())?.value();
+        let tx = ll!(self.ll().tx_antd().read())?.value();
+        let set = mask.mrxfcg() == 1 && mask.mtxfrs() == 1 && mask.maffrej() == 0;
+        if set && (tx, rx) == (tx_ticks, rx_ticks) {
             Ok(())
         } else {
             Err(RadioError::SettingsLost)
@@ -365,14 +373,43 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         Ok(warnings & (status::HPDWARN_3 | status::TXPUTE_3) != 0)
     }
 
+    /// Whether the time for the delayed transmission that waits has arrived in the radio
+    /// with wrong bits. The frame says when it was sent: it must not leave otherwise.
+    fn is_misled(&mut self, start: DeviceTime) -> Result<bool, RadioError> {
+        let arrived = self.stamp_once(header::READ_DX_TIME)?;
+        if arrived != start {
+            self.bus_errors = self.bus_errors.wrapping_add(1);
+        }
+        Ok(arrived != start)
+    }
+
+    /// How often the bus was seen to lose bits since this was asked last.
+    pub(crate) fn take_bus_errors(&mut self) -> u32 {
+        core::mem::take(&mut self.bus_errors)
+    }
+
     /// The low four bytes of SYS_STATUS.
     fn status(&mut self) -> Result<u32, RadioError> {
         let [_, a, b, c, d] = access::read(&mut self.bus, [header::READ_SYS_STATUS, 0, 0, 0, 0])?;
         Ok(u32::from_le_bytes([a, b, c, d]))
     }
 
-    /// The 40 bits that RX_TIME and TX_TIME begin with.
+    /// The 40 bits that RX_TIME and TX_TIME begin with, the same twice: nothing else
+    /// guards them on the bus, and one wrong bit makes a wrong range.
     fn stamp(&mut self, register: u8) -> Result<DeviceTime, RadioError> {
+        let mut stamp = self.stamp_once(register)?;
+        for _ in 0..STAMP_TRIES {
+            let again = self.stamp_once(register)?;
+            if again == stamp {
+                return Ok(stamp);
+            }
+            self.bus_errors = self.bus_errors.wrapping_add(1);
+            stamp = again;
+        }
+        Err(RadioError::Bus)
+    }
+
+    fn stamp_once(&mut self, register: u8) -> Result<DeviceTime, RadioError> {
         let [_, a, b, c, d, e] = access::read(&mut self.bus, [register, 0, 0, 0, 0, 0])?;
         let ticks = u64::from_le_bytes([a, b, c, d, e, 0, 0, 0]);
         Ok(DeviceTime::from_ticks(ticks))
@@ -556,10 +593,16 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         ll!(self.ll().pmsc_ctrl0().modify(|_, w| w.txclks(0b10)))
     }
 
-    /// Soft reset of the receiver only (7.2.50.1).
+    /// Soft reset of the receiver only (7.2.50.1). Reads back whether it took place: a
+    /// receiver that goes on without stamps its frames wrong, and nothing shows it.
     fn reset_receiver(&mut self) -> Result<(), RadioError> {
-        ll!(self.ll().pmsc_ctrl0().modify(|_, w| w.softreset(0b1110)))?;
-        ll!(self.ll().pmsc_ctrl0().modify(|_, w| w.softreset(0b1111)))
+        for reset in [0b1110, 0b1111] {
+            ll!(self.ll().pmsc_ctrl0().modify(|_, w| w.softreset(reset)))?;
+            if ll!(self.ll().pmsc_ctrl0().read())?.softreset() != reset {
+                return Err(RadioError::Bus);
+            }
+        }
+        Ok(())
     }
 
     /// Clears all events of transmitter and receiver. HPDWARN, TXPUTE and

@@ -275,6 +275,27 @@ impl Frame {
         out.0
     }
 
+    /// The intervals that a final or a report carries: the other node, round time, reply
+    /// time; one for each responder in a final.
+    pub fn intervals(&self) -> impl Iterator<Item = (Address, Ticks, Ticks)> + '_ {
+        let (span, answered, report) = match &self.message {
+            Message::Final(last) => (last.span, last.answered.as_slice(), None),
+            Message::Report { round, reply } => (
+                *reply,
+                [].as_slice(),
+                Some((self.destination, *round, *reply)),
+            ),
+            _ => (Ticks::new(0), [].as_slice(), None),
+        };
+        answered
+            .iter()
+            .map(move |answered| {
+                let reply = span.get().wrapping_sub(answered.round.get());
+                (answered.responder, answered.round, Ticks::new(reply))
+            })
+            .chain(report)
+    }
+
     /// Reads a frame from received bytes, without the radio's frame check sequence.
     ///
     /// # Errors

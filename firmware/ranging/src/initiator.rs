@@ -122,17 +122,30 @@ impl Initiator {
         self.state = State::Idle;
     }
 
+    /// Sends a frame that belongs to no round, and listens on.
+    pub fn say(&mut self, destination: Address, number: u8, message: Message) -> Command {
+        self.sequence = self.sequence.wrapping_add(1);
+        let frame = Frame {
+            sequence: self.sequence,
+            pan: self.identity.pan,
+            destination,
+            source: self.identity.address,
+            round: number,
+            message,
+        };
+        Command::Send {
+            frame: frame.encode(),
+            when: When::Now,
+            then: Then::Listen {
+                after_us: 0,
+                timeout_us: None,
+            },
+        }
+    }
+
     /// The slot of the response that was heard last in this round; 0 before the first.
     pub fn slot(&self) -> usize {
         self.heard.last().map_or(0, |heard| heard.slot)
-    }
-
-    /// Who of those named in the last round did not answer in it.
-    pub fn unheard(&self) -> impl Iterator<Item = Address> + '_ {
-        self.named
-            .iter()
-            .copied()
-            .filter(|&named| self.heard.iter().all(|heard| heard.responder != named))
     }
 
     /// Takes the next event from the radio.

@@ -18,7 +18,8 @@
 //! | [`phy`] | modes of the radio, air times, how soon a frame can be answered |
 //! | [`timetable`] | when each frame of a round is due |
 //! | [`exchange`] | events, commands and outcomes common to all parts |
-//! | [`initiator`], [`responder`] | the two state machines |
+//! | [`initiator`], [`responder`] | the two state machines of a round |
+//! | [`superframe`] | who may talk when: several initiators in one air |
 //!
 //! Start reading at [`tof`], then [`timetable`] and [`initiator`]. docs/air-protocol.md
 //! shows the whole.
@@ -32,6 +33,7 @@ pub mod frame;
 pub mod initiator;
 pub mod phy;
 pub mod responder;
+pub mod superframe;
 pub mod time;
 pub mod timetable;
 pub mod tof;

@@ -271,6 +271,12 @@ impl Responder {
             .retain(|known| at.since(known.polled) < FORGOTTEN_AFTER);
         let own = self.identity.address;
         if let Some(slot) = poll.named.iter().position(|&named| named == own) {
+            let again = |known: &Acquaintance| {
+                (known.initiator, known.round) == (frame.source, frame.round)
+            };
+            if self.known_to.iter().any(again) {
+                return Err(Ignored::OutOfTurn);
+            }
             self.known_to
                 .retain(|known| known.initiator != frame.source);
             if self.known_to.is_full() {

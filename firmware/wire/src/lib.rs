@@ -27,8 +27,8 @@ mod record;
 pub use decoder::{Decoder, Event, Statistics, Trouble};
 pub use encoder::{EncodeError, Encoder};
 pub use record::{
-    Boot, Counters, Filtered, PROTOCOL_VERSION, Quality, Range, RangeFlags, Record, ResetCause,
-    Role, Status, Treatment,
+    Boot, Counters, Filtered, Overheard, OverheardInterval, PROTOCOL_VERSION, Quality, Range,
+    RangeFlags, Record, ResetCause, Role, Status, Treatment,
 };
 
 /// Longest payload: version, sequence number and record, without CRC.

@@ -20,11 +20,15 @@ pub enum Record {
     Range(Range),
     /// How the node is doing; sent about once a second.
     Status(Status),
+    /// Listener: a frame was overheard.
+    Overheard(Overheard),
+    /// Listener: what an overheard final or report says.
+    OverheardInterval(OverheardInterval),
 }
 
 impl Record {
     /// The number of variants this crate knows.
-    pub(crate) const KNOWN: u32 = 3;
+    pub(crate) const KNOWN: u32 = 5;
 }
 
 /// A node's start.
@@ -240,7 +244,7 @@ pub struct Counters {
     /// Times the radio was started again, or that was tried: it failed, did
     /// nothing, or had lost its settings.
     pub radio_resets: u32,
-    /// SPI transfers that failed.
+    /// SPI transfers that failed, or lost bits.
     pub bus_errors: u32,
     /// Records thrown away because the line to the host was too slow for them.
     pub records_dropped: u32,
@@ -256,4 +260,49 @@ pub struct Counters {
     pub slots_left_out: u32,
     /// Coordinator: beacons not sent because the air was taken.
     pub beacons_left_out: u32,
+    /// Times the radio was started again because it had received nothing, or given no range
+    /// of a hundred tried, for five seconds.
+    pub silences: u32,
+}
+
+/// A frame that a listener overheard.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Overheard {
+    /// When, in microseconds since the node's start.
+    pub t_us: u64,
+    /// When its marker passed the antenna, on the radio's clock: 40 bits, ticks of
+    /// 15.650 ps.
+    pub at_ticks: u64,
+    /// Network.
+    pub pan: u16,
+    /// Who sent it.
+    pub source: u16,
+    /// Whom it is for; 0xFFFF all.
+    pub destination: u16,
+    /// Which message, by its number in docs/air-protocol.md.
+    pub message: u8,
+    /// Number of the round.
+    pub round: u8,
+    /// Counts its sender's frames.
+    pub sequence: u8,
+    /// How well it was received.
+    pub quality: Option<Quality>,
+}
+
+/// One side's intervals of a two-way ranging, as an overheard final or report says them.
+/// Follows the [`Overheard`] of its frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct OverheardInterval {
+    /// Who measured them: the initiator in a final, the responder in a report.
+    pub source: u16,
+    /// The other node.
+    pub peer: u16,
+    /// Number of the round.
+    pub round: u8,
+    /// Its round time, Ra or Rb, in ticks of 15.650 ps.
+    pub round_ticks: u64,
+    /// Its reply time, Da or Db, in ticks of 15.650 ps.
+    pub reply_ticks: u64,
 }

@@ -86,6 +86,7 @@ fn records() -> [Record; 3] {
                 polls_too_fast: 13,
                 slots_left_out: 14,
                 beacons_left_out: 15,
+                silences: 16,
             },
         }),
     ]

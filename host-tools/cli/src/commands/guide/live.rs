@@ -114,6 +114,7 @@ pub(super) fn hear_board(mut board: impl Read, clock: HostClock, to: &Sender<Arr
                     board_clock = BoardClock::default();
                     continue;
                 }
+                Event::Record { .. } => continue,
                 Event::Trouble(trouble) => Arrival::Unusable(format!("board: {trouble:?}")),
             };
             if to.send(arrival).is_err() {

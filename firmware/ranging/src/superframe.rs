@@ -1,0 +1,690 @@
+//! Who may talk when: several initiators in one air.
+//!
+//! ```text
+//!            heard another initiator, no beacon for a second,
+//!            and nobody with a lower address          ┌────────────┐
+//!   ┌───────┐────────────────────────────────────────►│ Coordinator│
+//!   │ Alone │                                         └─────┬──────┘
+//!   └─┬─────┘◄──────────────┐                               │ beacon from a
+//!     │ beacon     no beacon for eight superframes          │ lower address
+//!     ▼                     │                               ▼
+//!   ┌───────────────────────┴─────────────────────────────────┐
+//!   │ Member: asks for a slot in a join window, then talks in │
+//!   │ its slot of each superframe                             │
+//!   └─────────────────────────────────────────────────────────┘
+//!
+//!   beacon │ slot of A │ slot of B │ ... │ spare │ join window │ beacon │ slot of A
+//!          ├──────────────── length ─────────────────────────────────►
+//! ```
+//!
+//! In all states it listens before it talks: whoever hears a poll, of whatever network,
+//! knows from it how long the round will take, and stays silent for that time.
+//!
+//! No radio and no clock in here: times are a board's own, in microseconds, and come from
+//! outside. The coordinator is a node like the others with a beacon to send.
+
+use crate::exchange::Identity;
+use crate::frame::{Address, Beacon, Frame, Grant, MAX_SLOTS, Message, len};
+use crate::timetable::{Timetable, Timing};
+
+/// How a node shares the air.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Sharing {
+    /// Not at all: talks when its time has come, and its radio is off in between.
+    Free,
+    /// Listens before it talks.
+    Polite,
+    /// Also keeps to a superframe when there are several initiators; one of them, that of
+    /// the lowest address, coordinates.
+    #[default]
+    Elect,
+    /// Coordinates from the start.
+    Coordinate,
+}
+
+/// What a node that wants to talk is to do now.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// Nothing until then.
+    Wait(u64),
+    /// Run a round now.
+    Talk {
+        /// A repeat has to be over by then; none is possible if `None`.
+        until_us: Option<u64>,
+    },
+    /// Send this to all.
+    Beacon {
+        /// Number of the superframe, wrapping.
+        superframe: u8,
+        /// What.
+        beacon: Beacon,
+    },
+    /// Ask this node for a slot.
+    Join(Address),
+}
+
+/// What was left out because the air was taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LeftOut {
+    /// Slots in which no round was possible.
+    pub slots: u32,
+    /// Beacons not sent.
+    pub beacons: u32,
+}
+
+/// Shares the air with others.
+#[derive(Clone, Debug)]
+pub struct Superframe {
+    identity: Identity,
+    sharing: Sharing,
+    timing: Timing,
+    /// Shortest round of this node: with one responder.
+    round_us: u32,
+    /// Slot that this node needs.
+    need_us: u16,
+    /// From one of its rounds to the next.
+    period_us: u32,
+    /// Somebody else's round ends then.
+    busy_until_us: u64,
+    state: State,
+    random: Random,
+    /// How much later than due the next round begins, if there are others.
+    jitter_us: u64,
+    left_out: LeftOut,
+}
+
+#[derive(Clone, Debug)]
+// There is one in a node; a box would need an allocator.
+#[allow(clippy::large_enum_variant)]
+enum State {
+    Alone {
+        /// Another initiator of this network was heard first; nobody if `None`.
+        since_us: Option<u64>,
+        /// The lowest address heard.
+        lowest: Address,
+        /// When the last was heard.
+        heard_us: u64,
+    },
+    Member(Member),
+    Coordinator(Coordinator),
+}
+
+#[derive(Clone, Debug)]
+struct Member {
+    coordinator: Address,
+    schedule: Schedule,
+    /// When to ask for a slot.
+    ask_us: Option<u64>,
+    /// Join windows to be left out, and how many at most the next time.
+    skip: u8,
+    backoff: u8,
+}
+
+/// A superframe as its beacon described it; those that follow are like it until the next
+/// beacon.
+#[derive(Clone, Copy, Debug)]
+struct Schedule {
+    /// When the beacon was sent.
+    start_us: u64,
+    length_us: u64,
+    /// Own slot, from the beacon on.
+    slot: Option<(u64, u64)>,
+    /// Superframes since `start_us` whose slot has been used, or given up.
+    used: u64,
+}
+
+#[derive(Clone, Debug)]
+struct Coordinator {
+    superframe: u8,
+    members: heapless::Vec<Joined, MAX_SLOTS>,
+    next_us: u64,
+    skipped: u8,
+    schedule: Option<Schedule>,
+    /// Until then every superframe has a join window.
+    growing_until_us: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Joined {
+    address: Address,
+    need_us: u16,
+    period_us: u32,
+    heard_us: u64,
+}
+
+/// So long a node looks for a coordinator before it becomes one.
+const ELECTION_US: u64 = 1_000_000;
+/// So long it leaves that to a lower address.
+const DEFER_US: u64 = 3_000_000;
+/// Superframes without a beacon after which there is no coordinator.
+const MISSED_BEACONS: u64 = 8;
+/// A member that has not been heard for so long, or eight of its periods, has left.
+const LEFT_AFTER_US: u64 = 2_000_000;
+/// Between a slot's end and the next one's start: clocks, and the processors' delays.
+const GAP_US: u16 = 200;
+/// From one superframe with a join window to the next, where there is no time to spare.
+const JOIN_EVERY: u8 = 8;
+/// Places for requests in a join window.
+const JOIN_PLACES: u32 = 4;
+/// Longest that is waited, at random, after the air has become free.
+const BACKOFF_US: u32 = 1_000;
+/// How long a frame of another protocol, or one destroyed, is taken to keep the air.
+const NOISE_US: u64 = 300;
+/// Most beacons in a row that are left out because the air is taken.
+const MOST_SKIPPED: u8 = 2;
+/// How much sooner than due a round may begin, so that it meets its slot.
+const EARLY_PART: u64 = 2;
+
+impl Superframe {
+    /// Of a node with rounds of at most `slots` slots, one every `period_us`.
+    pub fn new(
+        identity: Identity,
+        sharing: Sharing,
+        timing: Timing,
+        slots: usize,
+        period_us: u32,
+    ) -> Self {
+        let state = match sharing {
+            Sharing::Coordinate => State::Coordinator(Coordinator::new(0, 0)),
+            Sharing::Free | Sharing::Polite | Sharing::Elect => State::ALONE,
+        };
+        Self {
+            identity,
+            sharing,
+            timing,
+            round_us: Timetable::new(&timing, 1).air_us(&timing),
+            need_us: need_us(&timing, slots),
+            period_us,
+            busy_until_us: 0,
+            state,
+            random: Random::new(identity.address),
+            jitter_us: 0,
+            left_out: LeftOut::default(),
+        }
+    }
+
+    /// From now on this node's rounds have at most so many slots.
+    pub fn set_slots(&mut self, slots: usize) {
+        self.need_us = need_us(&self.timing, slots);
+    }
+
+    /// Whether the radio is to listen between rounds.
+    pub fn listens(&self) -> bool {
+        self.sharing != Sharing::Free
+    }
+
+    /// What was left out since this was asked last.
+    pub fn take_left_out(&mut self) -> LeftOut {
+        core::mem::take(&mut self.left_out)
+    }
+
+    /// The request for a slot.
+    pub fn join(&self) -> Message {
+        Message::Join {
+            need_us: self.need_us,
+            period_us: self.period_us,
+        }
+    }
+
+    /// A frame that is not for this node's own round was heard at `at_us`.
+    pub fn on_frame(&mut self, frame: &Frame, at_us: u64) {
+        if let Message::Poll(poll) = &frame.message {
+            let table = Timetable::of(poll);
+            let end_us = table.end_us(&self.timing, poll.slots.into());
+            self.busy(at_us + u64::from(end_us));
+        }
+        if frame.pan != self.identity.pan || frame.source == self.identity.address {
+            return;
+        }
+        match &frame.message {
+            Message::Beacon(beacon) => self.on_beacon(frame, beacon, at_us),
+            Message::Join { need_us, period_us } => {
+                if frame.destination == self.identity.address
+                    && let State::Coordinator(coordinator) = &mut self.state
+                {
+                    coordinator.admit(frame.source, *need_us, *period_us, at_us);
+                }
+            }
+            Message::Poll(_) => match &mut self.state {
+                State::Alone {
+                    since_us,
+                    lowest,
+                    heard_us,
+                } => {
+                    since_us.get_or_insert(at_us);
+                    *lowest = (*lowest).min(frame.source);
+                    *heard_us = at_us;
+                }
+                State::Coordinator(coordinator) => coordinator.heard(frame.source, at_us),
+                State::Member(_) => {}
+            },
+            Message::Response | Message::Final(_) | Message::Report { .. } => {}
+        }
+    }
+
+    /// Something was heard at `now_us` that is no frame of this protocol.
+    pub fn on_noise(&mut self, now_us: u64) {
+        self.busy(now_us + NOISE_US);
+    }
+
+    /// The beacon that was asked for has been sent, at `at_us`.
+    pub fn on_beacon_sent(&mut self, at_us: u64) {
+        if let State::Coordinator(coordinator) = &mut self.state
+            && let Some(schedule) = &mut coordinator.schedule
+        {
+            schedule.start_us = at_us;
+        }
+    }
+
+    /// What to do at `now_us`, if this node's next round is due at `due_us`.
+    pub fn turn(&mut self, now_us: u64, due_us: u64) -> Turn {
+        if self.sharing == Sharing::Free {
+            return wait_or_talk(now_us, due_us, None);
+        }
+        self.elect(now_us);
+        let busy_until_us = self.busy_until_us;
+        let round_us = u64::from(self.round_us);
+        match &mut self.state {
+            State::Alone { since_us, .. } => {
+                // Two with one period would meet again and again, and a beacon that comes
+                // as often would never be heard.
+                let jitter_us = if since_us.is_some() {
+                    self.jitter_us
+                } else {
+                    0
+                };
+                let turn = wait_or_talk(now_us, busy_until_us.max(due_us + jitter_us), None);
+                if let Turn::Talk { .. } = turn {
+                    let most_us = (self.period_us / 4).min(8 * self.round_us);
+                    self.jitter_us = self.random.below(most_us).into();
+                }
+                turn
+            }
+            State::Coordinator(coordinator) => {
+                if now_us >= coordinator.next_us {
+                    let busy = now_us < busy_until_us;
+                    if !busy
+                        || coordinator.skipped >= MOST_SKIPPED
+                        || coordinator.schedule.is_none()
+                    {
+                        coordinator.skipped = 0;
+                        return coordinator.beacon(
+                            now_us,
+                            self.identity.address,
+                            (self.need_us, self.period_us),
+                            &self.timing,
+                        );
+                    }
+                    // Members go on with the schedule that they have.
+                    coordinator.skipped += 1;
+                    self.left_out.beacons = self.left_out.beacons.wrapping_add(1);
+                    if let Some(schedule) = &coordinator.schedule {
+                        let late = (now_us - coordinator.next_us) / schedule.length_us.max(1);
+                        coordinator.next_us += (late + 1) * schedule.length_us;
+                    }
+                }
+                let next_us = coordinator.next_us;
+                let Some(schedule) = &mut coordinator.schedule else {
+                    return Turn::Wait(next_us);
+                };
+                let turn =
+                    schedule.turn(now_us, due_us, busy_until_us, round_us, &mut self.left_out);
+                match turn {
+                    Turn::Wait(until_us) => Turn::Wait(until_us.min(next_us)),
+                    turn => turn,
+                }
+            }
+            State::Member(member) => {
+                let ask = member.ask(now_us, busy_until_us, &mut self.random);
+                let Turn::Wait(ask_us) = ask else {
+                    return ask;
+                };
+                if member.schedule.slot.is_none() {
+                    return ask;
+                }
+                let turn = member.schedule.turn(
+                    now_us,
+                    due_us,
+                    busy_until_us,
+                    round_us,
+                    &mut self.left_out,
+                );
+                match turn {
+                    Turn::Wait(until_us) => Turn::Wait(until_us.min(ask_us)),
+                    turn => turn,
+                }
+            }
+        }
+    }
+
+    /// Whether a round with so many slots is over by `until_us`.
+    pub fn fits(&self, now_us: u64, slots: usize, until_us: u64) -> bool {
+        let round_us = Timetable::new(&self.timing, slots).air_us(&self.timing);
+        now_us.max(self.busy_until_us) + u64::from(round_us) <= until_us
+            && now_us >= self.busy_until_us
+    }
+
+    fn busy(&mut self, until_us: u64) {
+        if until_us > self.busy_until_us {
+            // Those that wait for the same moment must not meet.
+            let backoff_us = match self.state {
+                State::Alone { .. } => self.random.below(BACKOFF_US),
+                State::Member(_) | State::Coordinator(_) => 0,
+            };
+            self.busy_until_us = until_us + u64::from(backoff_us);
+        }
+    }
+
+    /// Moves on to another state where time alone does that.
+    fn elect(&mut self, now_us: u64) {
+        match &self.state {
+            State::Alone {
+                since_us: Some(since_us),
+                lowest,
+                heard_us,
+            } if self.sharing == Sharing::Elect => {
+                if now_us > heard_us + DEFER_US {
+                    // They have gone.
+                    self.state = State::ALONE;
+                    return;
+                }
+                let waits_us = if self.identity.address < *lowest {
+                    ELECTION_US
+                } else {
+                    DEFER_US
+                };
+                if now_us >= since_us + waits_us {
+                    self.state = State::Coordinator(Coordinator::new(now_us, now_us));
+                }
+            }
+            State::Member(member) => {
+                let schedule = &member.schedule;
+                if now_us > schedule.start_us + (MISSED_BEACONS + 1) * schedule.length_us {
+                    self.state = match self.sharing {
+                        Sharing::Coordinate => State::Coordinator(Coordinator::new(now_us, now_us)),
+                        // There are others, or there were: no need to wait for their polls.
+                        _ => State::Alone {
+                            since_us: Some(now_us),
+                            lowest: Address::BROADCAST,
+                            heard_us: now_us,
+                        },
+                    };
+                }
+            }
+            State::Alone { .. } | State::Coordinator(_) => {}
+        }
+    }
+
+    fn on_beacon(&mut self, frame: &Frame, beacon: &Beacon, at_us: u64) {
+        match &self.state {
+            _ if matches!(self.sharing, Sharing::Free | Sharing::Polite) => return,
+            // The higher one of two gives way.
+            State::Coordinator(_) if frame.source > self.identity.address => return,
+            State::Member(member) if frame.source > member.coordinator => return,
+            _ => {}
+        }
+        let length_us = u64::from(beacon.length_us);
+        let space_us = beacon_space_us(&self.timing);
+        let mut start_us = space_us;
+        let mut slot = None;
+        for grant in &beacon.grants {
+            let end_us = start_us + u64::from(grant.length_us);
+            if grant.owner == self.identity.address {
+                slot = Some((start_us, end_us));
+            }
+            start_us = end_us;
+        }
+        if length_us < start_us + u64::from(beacon.join_us) {
+            // Not one of ours: its slots do not fit.
+            return;
+        }
+        let mut member = Member {
+            coordinator: frame.source,
+            schedule: Schedule {
+                start_us: at_us,
+                length_us,
+                slot,
+                used: 0,
+            },
+            ask_us: None,
+            skip: 0,
+            backoff: 0,
+        };
+        let needed_us = u64::from(self.need_us);
+        if slot.is_none_or(|(from_us, to_us)| to_us - from_us < needed_us) {
+            if let State::Member(before) = &self.state {
+                (member.skip, member.backoff) = (before.skip, before.backoff);
+            }
+            let window_us = at_us + length_us - u64::from(beacon.join_us);
+            let place_us = join_place_us(&self.timing);
+            let places = u32::from(beacon.join_us) / place_us;
+            if places > 0 && member.skip > 0 {
+                member.skip -= 1;
+            } else if places > 0 {
+                let place = self.random.below(places);
+                member.ask_us = Some(window_us + u64::from(place * place_us));
+            }
+        }
+        self.state = State::Member(member);
+    }
+}
+
+impl State {
+    const ALONE: Self = Self::Alone {
+        since_us: None,
+        lowest: Address::BROADCAST,
+        heard_us: 0,
+    };
+}
+
+impl Schedule {
+    /// In the own slot of this superframe or the next.
+    fn turn(
+        &mut self,
+        now_us: u64,
+        due_us: u64,
+        busy_until_us: u64,
+        round_us: u64,
+        left_out: &mut LeftOut,
+    ) -> Turn {
+        let Some((slot_us, end_us)) = self.slot else {
+            return Turn::Wait(now_us + self.length_us);
+        };
+        let passed = now_us.saturating_sub(self.start_us) / self.length_us.max(1);
+        self.used = self.used.max(passed);
+        loop {
+            let base_us = self.start_us + self.used * self.length_us;
+            let from_us = base_us + slot_us;
+            let to_us = (base_us + end_us).saturating_sub(GAP_US.into());
+            let early = due_us > from_us + self.length_us / EARLY_PART;
+            let at_us = from_us.max(busy_until_us).max(now_us);
+            let fits = at_us + round_us <= to_us;
+            if !early && fits && at_us <= now_us {
+                self.used += 1;
+                return Turn::Talk {
+                    until_us: Some(to_us),
+                };
+            }
+            if !early && (fits || now_us < from_us) {
+                // The air may be free by then.
+                return Turn::Wait(if fits { at_us } else { from_us });
+            }
+            if !early {
+                // Too late for a round, whoever is to blame.
+                left_out.slots = left_out.slots.wrapping_add(1);
+            }
+            // As many superframes as there are until then.
+            let ahead_us = due_us.saturating_sub(from_us + self.length_us / EARLY_PART);
+            self.used += (ahead_us / self.length_us.max(1)).max(1);
+        }
+    }
+}
+
+impl Member {
+    /// Asks for a slot when the time drawn for it has come.
+    fn ask(&mut self, now_us: u64, busy_until_us: u64, random: &mut Random) -> Turn {
+        let next_us = now_us + self.schedule.length_us;
+        match self.ask_us {
+            None => Turn::Wait(next_us),
+            Some(ask_us) if now_us < ask_us => Turn::Wait(ask_us),
+            Some(_) => {
+                self.ask_us = None;
+                if now_us < busy_until_us {
+                    return Turn::Wait(next_us);
+                }
+                // Should this one not get through, others stand in the way.
+                self.backoff = (2 * self.backoff + 1).min(15);
+                self.skip = random.below(u32::from(self.backoff) + 1) as u8;
+                Turn::Join(self.coordinator)
+            }
+        }
+    }
+}
+
+impl Coordinator {
+    fn new(next_us: u64, now_us: u64) -> Self {
+        Self {
+            superframe: 0,
+            members: heapless::Vec::new(),
+            next_us,
+            skipped: 0,
+            schedule: None,
+            growing_until_us: now_us + LEFT_AFTER_US,
+        }
+    }
+
+    fn admit(&mut self, address: Address, need_us: u16, period_us: u32, at_us: u64) {
+        self.growing_until_us = at_us + LEFT_AFTER_US;
+        let joined = Joined {
+            address,
+            need_us,
+            period_us,
+            heard_us: at_us,
+        };
+        // The own slot is one of them. A full superframe takes no more.
+        let full = self.members.len() + 1 >= MAX_SLOTS;
+        match self.members.iter_mut().find(|m| m.address == address) {
+            Some(member) => *member = joined,
+            None if full => {}
+            None => {
+                let _ = self.members.push(joined);
+            }
+        }
+    }
+
+    fn heard(&mut self, address: Address, at_us: u64) {
+        if let Some(member) = self.members.iter_mut().find(|m| m.address == address) {
+            member.heard_us = at_us;
+        }
+    }
+
+    fn beacon(
+        &mut self,
+        now_us: u64,
+        own: Address,
+        (need_us, period_us): (u16, u32),
+        timing: &Timing,
+    ) -> Turn {
+        self.members.retain(|member| {
+            let patience_us = LEFT_AFTER_US.max(8 * u64::from(member.period_us));
+            now_us <= member.heard_us + patience_us
+        });
+        let mut grants = heapless::Vec::new();
+        // There is room: members are fewer than slots.
+        let _ = grants.push(Grant {
+            owner: own,
+            length_us: need_us,
+        });
+        for member in &self.members {
+            let _ = grants.push(Grant {
+                owner: member.address,
+                length_us: member.need_us,
+            });
+        }
+        let space_us = beacon_space_us(timing);
+        let used_us: u64 = space_us + grants.iter().map(|g| u64::from(g.length_us)).sum::<u64>();
+        let wanted_us = self
+            .members
+            .iter()
+            .map(|member| member.period_us)
+            .fold(period_us, u32::min);
+        let window_us = u64::from(JOIN_PLACES * join_place_us(timing));
+        let spare = used_us + window_us <= u64::from(wanted_us);
+        let joins =
+            spare || now_us < self.growing_until_us || self.superframe.is_multiple_of(JOIN_EVERY);
+        let join_us = if joins { window_us } else { 0 };
+        let length_us = (used_us + join_us).max(wanted_us.into());
+        self.superframe = self.superframe.wrapping_add(1);
+        // In step with the last one, unless that is long ago.
+        let due_us = if now_us < self.next_us + length_us {
+            self.next_us.max(1)
+        } else {
+            now_us
+        };
+        self.next_us = due_us + length_us;
+        self.schedule = Some(Schedule {
+            start_us: now_us,
+            length_us,
+            slot: Some((space_us, space_us + u64::from(need_us))),
+            used: 0,
+        });
+        Turn::Beacon {
+            superframe: self.superframe,
+            beacon: Beacon {
+                length_us: u32::try_from(length_us).unwrap_or(u32::MAX),
+                join_us: u16::try_from(join_us).unwrap_or(u16::MAX),
+                grants,
+            },
+        }
+    }
+}
+
+/// What a node with rounds of so many slots asks for: a round, another for up to two that
+/// were missing in it, and the gap.
+fn need_us(timing: &Timing, slots: usize) -> u16 {
+    let round_us = |slots| Timetable::new(timing, slots).air_us(timing);
+    let need_us = round_us(slots) + round_us(slots.min(2)) + u32::from(GAP_US);
+    u16::try_from(need_us).unwrap_or(u16::MAX)
+}
+
+/// From a beacon's marker to the first slot: the rest of the longest beacon, and time to
+/// read it.
+fn beacon_space_us(timing: &Timing) -> u64 {
+    u64::from(timing.tail_us(len::beacon(MAX_SLOTS)) + timing.preamble_us()) + u64::from(GAP_US)
+}
+
+/// A request for a slot, and time to read it.
+fn join_place_us(timing: &Timing) -> u32 {
+    timing.preamble_us() + timing.tail_us(len::JOIN) + 2 * u32::from(GAP_US)
+}
+
+fn wait_or_talk(now_us: u64, at_us: u64, until_us: Option<u64>) -> Turn {
+    if now_us < at_us {
+        Turn::Wait(at_us)
+    } else {
+        Turn::Talk { until_us }
+    }
+}
+
+/// Random numbers, from a different start for each address.
+#[derive(Clone, Copy, Debug)]
+pub struct Random(u32);
+
+impl Random {
+    /// The numbers of this node.
+    pub fn new(address: Address) -> Self {
+        // xorshift must not start at 0.
+        Self(u32::from(address.0) | 0x1_0000)
+    }
+
+    /// A number from 0 to `end` - 1, or 0.
+    pub fn below(&mut self, end: u32) -> u32 {
+        // xorshift32 (Marsaglia 2003).
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 17;
+        self.0 ^= self.0 << 5;
+        ((u64::from(self.0) * u64::from(end)) >> 32) as u32
+    }
+}
