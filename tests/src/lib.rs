@@ -3,6 +3,7 @@
 
 mod network;
 mod scenario;
+pub mod soak;
 
 pub use network::{BoardLog, Network, NetworkError};
 pub use scenario::{Action, Board, BoardRole, Expectation, FrameFault, Link, Scenario};

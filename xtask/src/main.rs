@@ -31,6 +31,7 @@ Examples:
   cargo xtask test                      everything that must hold; what CI runs
   cargo xtask firmware                  build both binaries for the board, show their sizes
   cargo xtask firmware --bin tag --json sizes of one, for a script
+  cargo xtask soak --exchanges 100000   range under injected faults
   cargo flash-tag                       build and flash a tag, then show its log
   cargo xtask flash anchor --dry-run    only show which commands would run
 
@@ -44,6 +45,15 @@ enum Command {
     Firmware(firmware::Args),
     /// Build the firmware, write it to a board through probe-rs and show its log.
     Flash(flash::Args),
+    /// Range under faults for as long as wanted; fails if a board hangs or a wrong range passes.
+    Soak {
+        /// How many exchanges to try.
+        #[arg(long, default_value_t = 1_000_000)]
+        exchanges: u64,
+        /// Everything random follows from this number.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
     /// Run everything that must hold: host tests, both firmware links, size budgets.
     Test,
     /// Run `test` and the lints: formatting, clippy, documentation.
@@ -68,6 +78,19 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Firmware(args) => firmware::run(&args),
         Command::Flash(args) => flash::run(&args),
+        Command::Soak { exchanges, seed } => {
+            let (exchanges, seed) = (exchanges.to_string(), seed.to_string());
+            let soak = [
+                "run",
+                "--release",
+                "-p",
+                "nova-tests",
+                "--bin",
+                "soak",
+                "--",
+            ];
+            process::run(process::cargo().args(soak).args([exchanges, seed]))
+        }
         Command::Test => checks::test(),
         Command::Ci => checks::ci(),
     }
