@@ -106,6 +106,9 @@ struct Polling {
     peers: Peers,
     /// Who was named in the round that runs, or ran last, and has given no range yet.
     missing: heapless::Vec<Address, MAX_RESPONDERS>,
+    /// Who was still missing when a slot was over. They are polled once more in the next, if
+    /// there is time.
+    owed: heapless::Vec<Address, MAX_RESPONDERS>,
     /// Until when a repeat has to be over, if there may be one.
     repeat_until_us: Option<u64>,
     /// Whether anybody was missing in the round that runs.
@@ -197,6 +200,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                     ),
                     peers,
                     missing: heapless::Vec::new(),
+                    owed: heapless::Vec::new(),
                     repeat_until_us: None,
                     missed: false,
                     beacon: false,
@@ -800,12 +804,30 @@ impl Playing {
 }
 
 impl Polling {
+    fn owe(&mut self, peer: Option<Address>) {
+        if let Some(peer) = peer
+            && !self.owed.contains(&peer)
+        {
+            // There is room: peers are no more than responders.
+            let _ = self.owed.push(peer);
+        }
+    }
+
     /// What to send now, if anything.
     fn next(&mut self, now_us: u64) -> Option<Command> {
         self.turn_us = now_us;
         if let Some(until_us) = self.repeat_until_us.take() {
+            // Who has waited for longest goes first.
+            core::mem::swap(&mut self.missing, &mut self.owed);
+            for &peer in &self.owed {
+                if !self.missing.contains(&peer) {
+                    let _ = self.missing.push(peer);
+                }
+            }
+            self.owed.clear();
             while !self.missing.is_empty() && !self.air.fits(now_us, self.missing.len(), until_us) {
-                self.missing.pop();
+                let left = self.missing.pop();
+                self.owe(left);
             }
             if !self.missing.is_empty() {
                 self.repeat_until_us = Some(until_us);
@@ -822,22 +844,17 @@ impl Polling {
                 self.next_us = (self.next_us + self.period_us).max(now_us);
                 self.missed = false;
                 self.repeat_until_us = until_us;
-                let Plan {
-                    mut named,
-                    mut open,
-                } = self.peers.next_round();
+                // The slot may be shorter than was asked for, or have begun late.
+                let most = until_us.map_or(MAX_RESPONDERS, |until_us| {
+                    (1..=MAX_RESPONDERS)
+                        .rev()
+                        .find(|&slots| self.air.fits(now_us, slots, until_us))
+                        .unwrap_or(1)
+                });
+                let Plan { named, open } = self.peers.next_round(most);
                 self.air.set_slots(self.peers.slots());
-                if let Some(until_us) = until_us {
-                    // The slot may be shorter than was asked for, or have begun late.
-                    while named.len() + open > 1
-                        && !self.air.fits(now_us, named.len() + open, until_us)
-                    {
-                        if open > 0 {
-                            open -= 1;
-                        } else {
-                            named.pop();
-                        }
-                    }
+                while let Some(left) = self.missing.pop() {
+                    self.owe(Some(left));
                 }
                 self.missing = named;
                 Some(self.machine.start(&self.missing, open))

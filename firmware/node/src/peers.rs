@@ -68,22 +68,24 @@ impl Peers {
         self.per_round.min(self.known.len()).max(1)
     }
 
-    /// Whom to poll now. With nobody known all slots are open.
-    pub(crate) fn next_round(&mut self) -> Plan {
+    /// Whom to poll now, in at most `most` slots. With nobody known all are open.
+    pub(crate) fn next_round(&mut self, most: usize) -> Plan {
+        let most = most.max(1);
+        let per_round = self.per_round.min(most);
         let searches = self.search && !self.known.is_full();
         let mut open = 0;
         if searches && self.known.is_empty() {
-            open = OPEN_AT_FIRST;
+            open = OPEN_AT_FIRST.min(most);
         } else if searches {
-            if self.until_search == 0 {
+            if self.until_search > 0 {
+                self.until_search -= 1;
+            } else if most > 1 {
                 self.until_search = SEARCH_AFTER;
                 open = 1;
-            } else {
-                self.until_search -= 1;
             }
         }
         // An open slot takes the place of a peer where the round would get too long.
-        let room = (self.per_round.max(2) - open.min(1)).min(self.per_round);
+        let room = (per_round.max(2) - open.min(1)).min(per_round);
         let mut named = heapless::Vec::new();
         for _ in 0..room.min(self.known.len()) {
             let index = if self.next < self.known.len() {
@@ -150,26 +152,34 @@ mod tests {
         let mut peers = Peers::new(&[A, B, C], 2);
         for _ in 0..100 {
             for pair in [[A, B], [C, A], [B, C]] {
-                assert_eq!(peers.next_round(), plan(&pair, 0));
-                pair.map(|peer| peers.failed(peer));
+                assert_eq!(peers.next_round(8), plan(&pair, 0));
+                pair.iter().for_each(|&peer| peers.failed(peer));
             }
         }
+    }
+
+    #[test]
+    fn who_has_no_room_in_a_short_round_is_first_in_the_next() {
+        let mut peers = Peers::new(&[A, B, C], 3);
+        assert_eq!(peers.next_round(2), plan(&[A, B], 0));
+        assert_eq!(peers.next_round(3), plan(&[C, A, B], 0));
+        assert_eq!(peers.next_round(0), plan(&[C], 0));
     }
 
     #[test]
     fn a_round_names_nobody_twice() {
         let mut peers = Peers::new(&[A, B], 8);
         for _ in 0..10 {
-            assert_eq!(peers.next_round(), plan(&[A, B], 0));
+            assert_eq!(peers.next_round(8), plan(&[A, B], 0));
         }
     }
 
     #[test]
     fn without_peers_all_slots_are_open_until_one_answers() {
         let mut peers = Peers::new(&[], 4);
-        assert!((0..40).all(|_| peers.next_round() == plan(&[], OPEN_AT_FIRST)));
+        assert!((0..40).all(|_| peers.next_round(8) == plan(&[], OPEN_AT_FIRST)));
         peers.answered(A);
-        let plans: heapless::Vec<_, 128> = (0..128).map(|_| peers.next_round()).collect();
+        let plans: heapless::Vec<_, 128> = (0..128).map(|_| peers.next_round(8)).collect();
         assert!(plans.iter().all(|plan| plan.named == [A]));
         assert_eq!(plans.iter().filter(|plan| plan.open == 1).count(), 8);
     }
@@ -177,9 +187,9 @@ mod tests {
     #[test]
     fn an_open_slot_does_not_lengthen_a_full_round() {
         let mut peers = Peers::new(&[], 2);
-        [A, B, C].map(|peer| peers.answered(peer));
+        [A, B, C].iter().for_each(|&peer| peers.answered(peer));
         for _ in 0..200 {
-            let Plan { named, open } = peers.next_round();
+            let Plan { named, open } = peers.next_round(8);
             assert_eq!(named.len() + open, 2);
         }
     }
@@ -192,7 +202,7 @@ mod tests {
         for _ in 0..FAILURES_TO_DROP {
             peers.failed(A);
         }
-        assert!((0..100).all(|_| peers.next_round().named == [B]));
+        assert!((0..100).all(|_| peers.next_round(8).named == [B]));
     }
 
     #[test]
@@ -203,7 +213,7 @@ mod tests {
         }
         peers.answered(Address(99));
         assert!((0..100).all(|_| {
-            let plan = peers.next_round();
+            let plan = peers.next_round(8);
             plan.open == 0 && plan.named.iter().all(|peer| peer.0 < MAX_PEERS as u16)
         }));
     }

@@ -162,7 +162,8 @@ const DEFER_US: u64 = 3_000_000;
 const MISSED_BEACONS: u64 = 8;
 /// A member that has not been heard for so long, or eight of its periods, has left.
 const LEFT_AFTER_US: u64 = 2_000_000;
-/// Between a slot's end and the next one's start: clocks, and the processors' delays.
+/// Between a slot's end and the next one's start, and from one round to the next: clocks,
+/// and the processors' delays.
 const GAP_US: u16 = 200;
 /// From one superframe with a join window to the next, where there is no time to spare.
 const JOIN_EVERY: u8 = 8;
@@ -373,7 +374,8 @@ impl Superframe {
                 State::Alone { .. } => self.random.below(BACKOFF_US),
                 State::Member(_) | State::Coordinator(_) => 0,
             };
-            self.busy_until_us = until_us + u64::from(backoff_us);
+            // Everybody has still to take the last frame in.
+            self.busy_until_us = until_us + u64::from(GAP_US) + u64::from(backoff_us);
         }
     }
 

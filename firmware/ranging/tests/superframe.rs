@@ -325,8 +325,8 @@ fn a_round_of_another_network_is_waited_for() {
     let Turn::Wait(until_us) = polite.turn(1_100, 0) else {
         panic!("talks into another's round");
     };
-    // Its end, and up to a millisecond.
-    let end_us = 1_000 + u64::from(Timetable::new(&timing(), 4).end_us(&timing(), 4));
+    // Its end, time to take it in, and up to a millisecond.
+    let end_us = 1_200 + u64::from(Timetable::new(&timing(), 4).end_us(&timing(), 4));
     assert!((end_us..=end_us + 1_000).contains(&until_us));
     assert_eq!(polite.turn(until_us, 0), Turn::Talk { until_us: None });
     // A node that does not listen does not care.
