@@ -18,7 +18,7 @@ use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::OutputPin;
 use nova_ranging::frame::MAX_FRAME_LEN;
 use nova_ranging::time::MODULUS;
-use nova_ranging::{DeviceTime, Then, When};
+use nova_ranging::{DeviceTime, Then, Ticks, When};
 
 /// A DW1000 and the lines to it.
 pub(crate) struct Radio<B, R, D> {
@@ -254,7 +254,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             return Err(RadioError::SettingsLost);
         }
         if now & status::TXFRS != 0 {
-            let at = self.stamp(header::READ_TX_TIME)?;
+            let at = self.sent_at()?;
             // A reception may have begun meanwhile: its events stay.
             self.write_raw(&[header::WRITE_SYS_STATUS, status::TRANSMITTED as u8])?;
             return Ok(Some(RadioEvent::Sent { at }));
@@ -394,7 +394,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         Ok(u32::from_le_bytes([a, b, c, d]))
     }
 
-    /// The 40 bits that RX_TIME and TX_TIME begin with, the same twice: nothing else
+    /// The 40 bits that RX_TIME begins with, the same twice: nothing else
     /// guards them on the bus, and one wrong bit makes a wrong range.
     fn stamp(&mut self, register: u8) -> Result<DeviceTime, RadioError> {
         let mut stamp = self.stamp_once(register)?;
@@ -407,6 +407,26 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             stamp = again;
         }
         Err(RadioError::Bus)
+    }
+
+    /// The stamp of the frame just sent, which must be the radio's raw one with the antenna
+    /// delay that was set. If it is not the bus has lost a bit, now, or when something was
+    /// written that landed on the antenna delay: then no stamp is true any more.
+    fn sent_at(&mut self) -> Result<DeviceTime, RadioError> {
+        for _ in 0..STAMP_TRIES {
+            let bytes = [header::READ_TX_TIME, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+            let [_, a, b, c, d, e, f, g, h, i, j] = access::read(&mut self.bus, bytes)?;
+            let time = |[a, b, c, d, e]: [u8; 5]| {
+                DeviceTime::from_ticks(u64::from_le_bytes([a, b, c, d, e, 0, 0, 0]))
+            };
+            let stamp = time([a, b, c, d, e]);
+            let delay = Ticks::new(self.antenna_delay.tx_ticks.into());
+            if stamp == time([f, g, h, i, j]).after(delay) {
+                return Ok(stamp);
+            }
+            self.bus_errors = self.bus_errors.wrapping_add(1);
+        }
+        Err(RadioError::SettingsLost)
     }
 
     fn stamp_once(&mut self, register: u8) -> Result<DeviceTime, RadioError> {
