@@ -5,6 +5,7 @@
 //! | `commands` | one file a subcommand |
 //! | `evaluation` | Monte Carlo tables, whole or in pieces |
 //! | `settings` | settings of a flight as given |
+//! | `source` | a board's bytes: serial port, TCP, file, standard input |
 //! | `table` | CSV files with messages that name file and line |
 //! | `page`, `chart` | self-contained HTML pages with pictures |
 //! | [`sim_node`] | the firmware's node on a simulated board |
@@ -21,6 +22,7 @@ mod peer;
 mod screen;
 mod settings;
 pub mod sim_node;
+mod source;
 mod table;
 
 pub use commands::run;

@@ -280,7 +280,11 @@ fn sources_that_do_not_go_together_are_refused() {
         ),
         (
             &["--board", "no-such-port", "--ins", "udp:127.0.0.1:0"],
-            ["no-such-port", "cannot be opened"],
+            ["no-such-port", "cannot be read"],
+        ),
+        (
+            &["--board", "/dev/ttyNOVA9", "--ins", "udp:127.0.0.1:0"],
+            ["/dev/ttyNOVA9", "cannot be opened"],
         ),
         (
             &["--board", "ranges", "--ins", "nowhere"],

@@ -2,11 +2,13 @@
 
 use crate::error::bad_input;
 use crate::interrupt;
-use anyhow::{Context, Result};
+use crate::sim_node::BAUD;
+use crate::source::{Input, Place, Source};
+use anyhow::Result;
 use nova_wire::{Decoder, Event, Record, Statistics, Trouble};
 use serde::Serialize;
-use std::io::{BufWriter, Read, Write};
-use std::path::PathBuf;
+use std::io::{BufWriter, Cursor, Write};
+use std::path::Path;
 
 /// Prints a captured byte stream from a board as JSON lines.
 ///
@@ -16,17 +18,21 @@ use std::path::PathBuf;
 /// frames: {"end": {..}}. docs/wire-format.md says what the records hold.
 ///
 /// A capture file that ends inside a frame was cut off: that is an error and
-/// nothing is printed, unless --truncated is given. Standard input is decoded
-/// as it comes; Ctrl-C ends it with the counts.
+/// nothing is printed, unless --truncated is given. A serial port, a TCP server
+/// and standard input are decoded as they come; Ctrl-C ends them with the counts.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   nova decode capture.bin
   nova decode capture.bin | grep '\"range\"'
-  cat /dev/ttyACM0 | nova decode -")]
+  nova decode /dev/ttyACM0
+  nova decode - < capture.bin")]
 pub(crate) struct Decode {
-    /// The captured bytes; `-` for standard input.
-    #[arg(value_name = "FILE|-")]
-    file: PathBuf,
+    /// The captured bytes, or where they come from; `-` for standard input.
+    #[arg(value_name = "FILE|PORT|tcp://HOST:PORT|-")]
+    source: String,
+    /// Bits per second of a serial port.
+    #[arg(long, default_value_t = BAUD)]
+    baud: u32,
     /// Print what is whole of a capture that was cut off.
     #[arg(long)]
     truncated: bool,
@@ -55,24 +61,30 @@ fn is_zero(lost: &u16) -> bool {
 impl Decode {
     pub(crate) fn run(self) -> Result<()> {
         let mut stdout = std::io::stdout().lock();
-        if self.file.as_os_str() == "-" {
-            interrupt::catch()?;
-            let out = BufWriter::new(stdout);
-            return self.decode(std::io::stdin().lock(), out, "standard input");
+        match Place::named(&self.source, self.baud)? {
+            Place::File(path) => {
+                let bytes = std::fs::read(&path)
+                    .map_err(|error| bad_input!("{}: cannot be read: {error}", path.display()))?;
+                self.check(&path, &bytes)?;
+                // A file that turns out bad as a whole prints nothing.
+                let mut lines = Vec::new();
+                self.decode(
+                    Source::of(Place::File(path), Cursor::new(bytes)),
+                    &mut lines,
+                )?;
+                Ok(stdout.write_all(&lines)?)
+            }
+            live => {
+                let source = Source::open(live)?;
+                interrupt::catch()?;
+                self.decode(source, BufWriter::new(stdout))
+            }
         }
-        let path = self.file.display();
-        let bytes = std::fs::read(&self.file)
-            .map_err(|error| bad_input!("{path}: cannot be read: {error}"))?;
-        self.check(&bytes)?;
-        // A file that turns out bad as a whole prints nothing.
-        let mut lines = Vec::new();
-        self.decode(&*bytes, &mut lines, &path.to_string())?;
-        Ok(stdout.write_all(&lines)?)
     }
 
     /// Refuses a file as a whole before anything of it is printed.
-    fn check(&self, bytes: &[u8]) -> Result<()> {
-        let path = self.file.display();
+    fn check(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        let path = path.display();
         if bytes.is_empty() {
             return Err(bad_input!("{path}: the file is empty"));
         }
@@ -86,15 +98,15 @@ impl Decode {
         Ok(())
     }
 
-    fn decode(&self, mut input: impl Read, mut out: impl Write, name: &str) -> Result<()> {
+    fn decode(&self, mut input: Source, mut out: impl Write) -> Result<()> {
         let mut decoder = Decoder::new();
         let mut chunk = [0; 4096];
         let cut_off = loop {
-            let count = match input.read(&mut chunk) {
-                Ok(0) => break decoder.finish(),
-                Ok(count) => count,
-                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
-                Err(error) => return Err(error).with_context(|| format!("{name}: reading failed")),
+            let count = match input.read(&mut chunk)? {
+                Input::End => break decoder.finish(),
+                Input::Bytes(count) => count,
+                // Nobody asked for a lost port to be tried again.
+                Input::Silence | Input::Lost(_) | Input::Back => 0,
             };
             for event in chunk.iter().take(count).filter_map(|&b| decoder.push(b)) {
                 print(&mut out, &line(&event))?;
@@ -108,6 +120,7 @@ impl Decode {
         if let Some(event) = &cut_off {
             print(&mut out, &line(event))?;
         }
+        let name = input.place();
         let statistics = decoder.statistics();
         print(&mut out, &Line::End(statistics))?;
         out.flush()?;
@@ -115,7 +128,7 @@ impl Decode {
             return Err(bad_input!(
                 "{name}: no frame in {} bytes: is this what a board sent, at {} baud?",
                 statistics.bytes,
-                crate::sim_node::BAUD
+                self.baud
             ));
         }
         if cut_off.is_some() && !self.truncated {

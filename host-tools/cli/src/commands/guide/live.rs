@@ -2,16 +2,15 @@
 
 use super::pairing::Heard;
 use crate::board_clock::BoardClock;
-use crate::error::bad_input;
 use crate::peer::Peer;
-use anyhow::{Context, Result};
+use crate::source::{Input, Source};
+use anyhow::Result;
 use nova_solver::navigation::{InsSample, RangeSample};
 use nova_wire::{Decoder, Event, Record};
 use serde::Deserialize;
-use std::io::{ErrorKind, Read};
 use std::net::UdpSocket;
 use std::sync::mpsc::Sender;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 /// What arrives.
 pub(super) enum Arrival {
@@ -46,41 +45,26 @@ impl HostClock {
     }
 }
 
-/// Where a board is heard live.
-pub(super) enum Board {
-    /// Its serial port.
-    Port { name: String, baud: u32 },
-    /// Its bytes on standard input.
-    StandardInput,
-}
-
-impl Board {
-    /// Starts to listen.
-    pub(super) fn open(&self) -> Result<Box<dyn Read + Send>> {
-        /// Short enough to notice Ctrl-C.
-        const TIMEOUT: Duration = Duration::from_millis(200);
-        match self {
-            Self::Port { name, baud } => match serialport::new(name, *baud).timeout(TIMEOUT).open()
-            {
-                Ok(port) => Ok(Box::new(port)),
-                Err(error) => Err(bad_input!("{name}: cannot be opened: {error}")),
-            },
-            Self::StandardInput => Ok(Box::new(std::io::stdin())),
-        }
-    }
-}
-
 /// Reads a board's bytes until they end, or nobody listens.
-pub(super) fn hear_board(mut board: impl Read, clock: HostClock, to: &Sender<Arrival>) {
+pub(super) fn hear_board(mut board: Source, clock: HostClock, to: &Sender<Arrival>) {
     let mut decoder = Decoder::new();
     let mut board_clock = BoardClock::default();
     let mut chunk = [0; 4096];
     let end = loop {
-        let count = match board.read(&mut chunk) {
-            Ok(0) => break Ok(()),
+        let news = match board.read(&mut chunk) {
+            Ok(Input::Bytes(count)) => Ok(count),
+            Ok(Input::Silence) => continue,
+            Ok(Input::Lost(why)) => Err(format!("{}: lost, trying again: {why}", board.place())),
+            Ok(Input::Back) => Err(format!("{}: heard again", board.place())),
+            Ok(Input::End) => break Ok(()),
+            Err(error) => break Err(error),
+        };
+        let count = match news {
             Ok(count) => count,
-            Err(e) if matches!(e.kind(), ErrorKind::Interrupted | ErrorKind::TimedOut) => continue,
-            Err(error) => break Err(error).context("the board cannot be heard any more"),
+            Err(what) => match to.send(Arrival::Unusable(what)) {
+                Ok(()) => continue,
+                Err(_) => return,
+            },
         };
         let arrival_s = clock.now_s();
         for event in chunk.iter().take(count).filter_map(|&b| decoder.push(b)) {
@@ -171,8 +155,14 @@ fn ins(datagram: &[u8], arrival_s: f64) -> Arrival {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::source::Place;
     use nova_wire::{Encoder, MAX_FRAME_LEN, Range, Status};
+    use std::io::Cursor;
     use std::sync::mpsc;
+
+    fn given(bytes: Vec<u8>) -> Source {
+        Source::of(Place::StandardInput, Cursor::new(bytes))
+    }
 
     fn frame(encoder: &mut Encoder, record: &Record) -> Vec<u8> {
         encoder
@@ -202,7 +192,7 @@ mod tests {
         bytes.extend(frame(&mut encoder, &range(1_500_000)));
         let clock = HostClock::start();
         let (to_us, arrivals) = mpsc::channel();
-        hear_board(&*bytes, clock, &to_us);
+        hear_board(given(bytes), clock, &to_us);
         drop(to_us);
         let arrivals: Vec<Arrival> = arrivals.iter().collect();
         let [
@@ -237,7 +227,7 @@ mod tests {
             .flat_map(|record| frame(&mut encoder, record))
             .collect();
         let (to_us, arrivals) = mpsc::channel();
-        hear_board(&*bytes, HostClock::start(), &to_us);
+        hear_board(given(bytes), HostClock::start(), &to_us);
         drop(to_us);
         let times: Vec<f64> = (arrivals.iter())
             .filter_map(|arrival| match arrival {

@@ -11,9 +11,10 @@ use crate::error::bad_input;
 use crate::interrupt;
 use crate::peer::Peer;
 use crate::sim_node::BAUD;
+use crate::source::{self, RETRY, Source};
 use crate::table::ColumnNames;
 use anyhow::Result;
-use live::{Arrival, Board, HostClock};
+use live::{Arrival, HostClock};
 use nalgebra::Vector3;
 use nova_solver::map::{MapNavigator, MapOptions};
 use nova_solver::navigation::{FirstGuess, InsSample, Navigator};
@@ -40,7 +41,8 @@ use team::{Orders, Team};
 /// counts from --board-start. Between two readings up to 1 s apart the vehicle is taken to have flown
 /// straight; ranges without such a pair are counted as unpaired.
 ///
-/// Live: --board names a serial port, or `-` for the board's bytes on standard input. Dead reckoning
+/// Live: --board names a serial port, tcp://HOST:PORT, or `-` for the board's bytes on standard input; a
+/// port or server that is lost is waited for. Dead reckoning
 /// comes as UDP datagrams, each a JSON object {"t_s": .., "x_m": .., "y_m": .., "z_m": ..} with t_s
 /// in seconds since 1970 on this host's clock; without t_s the time of arrival counts. Ctrl-C ends
 /// with the summary.
@@ -51,8 +53,8 @@ use team::{Orders, Team};
   nova guide --board log.csv --ins log.csv --range-columns peer=anchor,range_m=distance
   nova guide --board /dev/ttyACM0 --ins udp:127.0.0.1:14600 --peer 7")]
 pub(crate) struct Guide {
-    /// Ranges: a file, a serial port, or `-`.
-    #[arg(long, value_name = "FILE|PORT|-")]
+    /// Ranges: a file, a serial port, tcp://HOST:PORT, or `-`.
+    #[arg(long, value_name = "FILE|PORT|tcp://HOST:PORT|-")]
     board: PathBuf,
     /// Dead reckoning: a file or a UDP address to listen on.
     #[arg(long, value_name = "FILE|udp:ADDR:PORT")]
@@ -242,15 +244,8 @@ impl Guide {
         const PATIENCE: Duration = Duration::from_millis(100);
         let socket = UdpSocket::bind(address)
             .map_err(|error| bad_input!("--ins udp:{address}: cannot be listened on: {error}"))?;
-        let board = if self.board.as_os_str() == "-" {
-            Board::StandardInput
-        } else {
-            Board::Port {
-                name: self.board.display().to_string(),
-                baud: self.baud,
-            }
-        };
-        let stream = board.open()?;
+        let board = source::Place::named(&self.board.to_string_lossy(), self.baud)?;
+        let stream = Source::open(board)?.retrying(RETRY);
         interrupt::catch()?;
         let clock = HostClock::start();
         let (to_us, arrivals) = mpsc::channel();
