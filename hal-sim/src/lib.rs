@@ -34,6 +34,7 @@
 //! - Reception from preamble to FCS with real bytes and CRC, timeouts, frame filtering, auto re-enable, double buffer,
 //!   overrun; time stamps with noise, both antenna delays, and the error after a missing receiver reset.
 //! - RX power, first-path power, RXPACC, carrier integrator, time tracking, a made-up impulse response.
+//! - The processor's flash: page erase, word writes, how often each is allowed, and power lost in the middle of them.
 //! - Path loss, flight time, moving boards, obstructed links, loss, scripted faults, collisions with capture.
 //! - Mishaps at random: damaged and repeated frames, bits lost on the SPI, interrupts served late, brown-outs, receivers
 //!   that go deaf; a host that does not read.
@@ -57,6 +58,7 @@ pub mod chip;
 pub mod clock;
 mod coroutine;
 mod error;
+pub mod flash;
 pub mod phy;
 mod simulation;
 pub mod time;
@@ -66,6 +68,7 @@ pub use air::{ChannelConfig, Fault, FaultAction, LinkEffect, Motion, Position};
 pub use board::{BoardConfig, BoardHal, MishapStats, Mishaps, SpiTiming, UartChunk, UartConfig};
 pub use clock::ClockConfig;
 pub use error::SimError;
+pub use flash::{Flash, FlashError};
 pub use simulation::{BoardId, BoardStats, SimConfig, SimStats, Simulation};
 pub use time::{SimDuration, SimTime};
 pub use world::World;

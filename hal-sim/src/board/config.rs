@@ -4,6 +4,7 @@ use super::mishaps::Mishaps;
 use crate::air::Motion;
 use crate::chip::{ChipConfig, ChipTiming, OtpConfig, Quirks};
 use crate::clock::ClockConfig;
+use crate::flash::Flash;
 use crate::time::SimDuration;
 
 /// A board: a DW1000, a processor with its own crystal, an SPI bus and a UART.
@@ -39,6 +40,9 @@ pub struct BoardConfig {
     pub mishaps: Mishaps,
     /// UART to the host.
     pub uart: UartConfig,
+    /// Flash that the firmware may write to. It outlives the board: give it to another simulation to switch the board
+    /// off and on.
+    pub flash: Flash,
     /// Stack of the board's code in bytes.
     pub stack_bytes: usize,
 }
@@ -62,6 +66,7 @@ impl Default for BoardConfig {
             spi: SpiTiming::default(),
             mishaps: Mishaps::default(),
             uart: UartConfig::default(),
+            flash: Flash::new(4),
             stack_bytes: 1 << 20,
         }
     }

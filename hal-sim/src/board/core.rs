@@ -5,6 +5,7 @@ use std::rc::Rc;
 
 use crate::clock::McuClock;
 use crate::coroutine::PausePoint;
+use crate::flash::Flash;
 use crate::time::{SimDuration, SimTime};
 use crate::world::{ChipId, World};
 
@@ -27,6 +28,7 @@ pub(crate) struct BoardState {
     pub(crate) wait: Wait,
     pub(crate) finished: bool,
     pub(crate) uart: UartState,
+    pub(crate) flash: Flash,
     mcu: McuClock,
     irq_latency: SimDuration,
     spi: SpiTiming,
@@ -42,6 +44,8 @@ pub(crate) enum Wait {
     Until(SimTime),
     /// The IRQ pin high, but no longer than this.
     IrqUntil(SimTime),
+    /// The same, or bytes from the host.
+    EventUntil(SimTime),
 }
 
 /// Every HAL call takes at least this long, so that a polling loop lets time pass.
@@ -55,6 +59,7 @@ impl BoardState {
             wait: Wait::Until(boot),
             finished: false,
             uart: UartState::new(config.uart),
+            flash: config.flash.clone(),
             mcu: McuClock::new(boot, config.mcu_ppm),
             irq_latency: config.irq_latency,
             spi: config.spi,
@@ -81,8 +86,14 @@ impl Core {
         let state = self.boards.get(board.0).filter(|state| !state.finished)?;
         Some(match state.wait {
             Wait::Until(t) => t,
-            Wait::IrqUntil(_) if self.world.irq_level(board) => self.world.now(),
+            Wait::IrqUntil(_) | Wait::EventUntil(_) if self.world.irq_level(board) => {
+                self.world.now()
+            }
             Wait::IrqUntil(t) => t,
+            Wait::EventUntil(t) => match state.uart.idle_after_bytes() {
+                Some(idle) => t.min(idle.max(self.world.now())),
+                None => t,
+            },
         })
     }
 }
@@ -162,11 +173,20 @@ impl Port {
 
     /// Waits for the IRQ pin; whether it is high in the end.
     pub(crate) fn wait_irq_until_us(&self, us: u64) -> bool {
+        self.wait(us, Wait::IrqUntil)
+    }
+
+    /// Waits for the IRQ pin or bytes from the host; whether the pin is high in the end.
+    pub(crate) fn wait_event_until_us(&self, us: u64) -> bool {
+        self.wait(us, Wait::EventUntil)
+    }
+
+    fn wait(&self, us: u64, how: fn(SimTime) -> Wait) -> bool {
         self.call();
         let already_high = self.irq();
         let pausing = self.with_board(|board, now| {
             let until = board.mcu.time_of(us);
-            board.wait = Wait::IrqUntil(until);
+            board.wait = how(until);
             !already_high && until > now
         });
         if pausing != Some(true) {

@@ -6,6 +6,7 @@
 mod config;
 mod core;
 mod delay;
+mod flash;
 mod mishaps;
 mod pins;
 mod spi;
@@ -13,6 +14,7 @@ mod uart;
 
 pub use config::{BoardConfig, SpiTiming, UartConfig};
 pub use delay::Delay;
+pub use flash::BoardFlash;
 pub use mishaps::{MishapStats, Mishaps};
 pub use pins::{Irq, Reset};
 pub use spi::{ChipSelect, Spi, SpiDev};
@@ -73,6 +75,11 @@ impl BoardHal {
         UartRx(self.port.clone())
     }
 
+    /// The flash that the firmware may write to, from address 0 on.
+    pub fn flash(&self) -> BoardFlash {
+        BoardFlash::new(self.port.clone())
+    }
+
     /// Microseconds since boot by the processor's clock.
     pub fn now_us(&self) -> u64 {
         self.port.now_us()
@@ -81,6 +88,12 @@ impl BoardHal {
     /// Waits until the IRQ pin is high or the processor's clock shows `deadline_us`; whether the pin is high.
     pub fn wait_irq_until(&self, deadline_us: u64) -> bool {
         self.port.wait_irq_until_us(deadline_us)
+    }
+
+    /// Waits until the IRQ pin is high, the line from the host goes idle after bytes, or the processor's clock shows
+    /// `deadline_us`; whether the pin is high.
+    pub fn wait_event_until(&self, deadline_us: u64) -> bool {
+        self.port.wait_event_until_us(deadline_us)
     }
 
     /// Sleeps until the processor's clock shows `us`.

@@ -81,6 +81,11 @@ impl UartState {
         self.to_host_busy_until = self.to_host_busy_until.max(until);
     }
 
+    /// When the line from the host goes idle after bytes that nobody has read yet.
+    pub(super) fn idle_after_bytes(&self) -> Option<SimTime> {
+        (!self.to_board.is_empty()).then_some(self.to_board_busy_until)
+    }
+
     /// What has reached the host by `now`.
     pub(crate) fn drain(&mut self, now: SimTime) -> Vec<UartChunk> {
         let arrived = self.to_host.iter().take_while(|c| c.t <= now).count();
