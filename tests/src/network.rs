@@ -24,6 +24,8 @@ pub struct BoardLog {
     pub overheard: Vec<Overheard>,
     /// Every interval overheard.
     pub intervals: Vec<OverheardInterval>,
+    /// Everything else that is no status: starts, answers.
+    pub others: Vec<Record>,
     /// The counters of the last status record.
     pub counters: Counters,
     /// What the decoder counted.
@@ -108,7 +110,8 @@ impl BoardLog {
                     record: Record::OverheardInterval(interval),
                     ..
                 } => self.intervals.push(interval),
-                Event::Record { .. } | Event::Trouble(_) => {}
+                Event::Record { record, .. } => self.others.push(record),
+                Event::Trouble(_) => {}
             }
         }
         self.wire = *decoder.statistics();

@@ -1,22 +1,25 @@
 //! The program: start everything once, then serve the radio for ever.
 
 use embassy_executor::Spawner;
-use embassy_futures::select::select;
+use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
 use embassy_nrf::gpio::Input;
 use embassy_nrf::pac;
 use embassy_time::{Delay, Duration, Instant, Timer};
 use nova_node::ranging::Address;
-use nova_node::{Node, NodeConfig};
+use nova_node::{Keeper, Node, NodeConfig, Then};
 use nova_wire::{Record, ResetCause, Role};
 
 use crate::identity::short_address;
 use crate::leds::Leds;
 use crate::progress::Progress;
 use crate::radio::Radio;
-use crate::uart::RecordSink;
+use crate::uart::{self, RecordSink};
 use crate::watchdog::Watchdog;
-use crate::{fault, pins};
+use crate::{fault, flash, pins};
+
+/// What the answers that wait take to leave, at most: a full outbox at 1 Mbaud.
+const LAST_WORDS_MS: u64 = 50;
 
 /// This crate's version: major, minor, patch.
 const FIRMWARE: [u8; 3] = [
@@ -37,9 +40,20 @@ const fn number(digits: &str) -> u8 {
 /// Runs a node with the settings that `role` brings. Never returns.
 pub async fn run(spawner: Spawner, role: Role) -> ! {
     let board = pins::take();
-    let reset_cause = fault::take_reset_cause();
-    let config = configuration(role, reset_cause);
-    defmt::info!("{} {}, started by {}", role, config.identity, reset_cause);
+    let (reset_cause, mut crash) = fault::take_past();
+    let flash = flash::open(board.flash);
+    let Ok(mut keeper) = Keeper::new(configuration(role, reset_cause), flash, flash::SETTINGS)
+    else {
+        fault::restart("no place for settings");
+    };
+    let config = keeper.config();
+    defmt::info!(
+        "{} {}, started by {}, settings: {}",
+        role,
+        config.identity,
+        reset_cause,
+        config.settings
+    );
 
     let mut watchdog = Watchdog::start(board.watchdog);
     let mut leds = Leds::new(board.leds);
@@ -57,18 +71,31 @@ pub async fn run(spawner: Spawner, role: Role) -> ! {
     }
 
     let mut progress = Progress::new(now_us());
+    let mut from_host = [0; 64];
+    let mut count = 0;
     loop {
-        // Tries a radio that is down again, and tells the host.
-        let wake_us = node.service(now_us(), &mut |record: &Record| {
+        let mut emit = |record: &Record| {
             leds.note(record, now_us());
             records.send(record);
-        });
+        };
+        let bytes = from_host.get(..count).unwrap_or_default();
+        let then = keeper.on_bytes(bytes, &mut node, now_us(), &mut emit);
+        // Tries a radio that is down again, and tells the host.
+        let wake_us = node.service(now_us(), &mut emit);
+        // After the boot record.
+        if let Some(crash) = crash.take() {
+            emit(&Record::Crash(crash));
+        }
         node.count_dropped_records(records.take_dropped());
         if progress.check(node.counters().radio_resets, now_us()) {
             watchdog.feed();
         }
         let wake_us = wake_us.min(leds.update(now_us()));
-        sleep(&mut interrupt, wake_us).await;
+        if then == Then::Reboot {
+            Timer::after_millis(LAST_WORDS_MS).await;
+            fault::reboot();
+        }
+        count = sleep(&mut interrupt, wake_us, &mut from_host).await;
     }
 }
 
@@ -87,15 +114,25 @@ fn configuration(role: Role, reset_cause: ResetCause) -> NodeConfig {
     }
 }
 
-/// Sleeps until the DW1000 wants something, or `wake_us` is reached.
-async fn sleep(interrupt: &mut Input<'static>, wake_us: u64) {
+/// Sleeps until the DW1000 wants something, the host says something, or `wake_us` is reached. Returns how many
+/// bytes the host has said.
+async fn sleep(interrupt: &mut Input<'static>, wake_us: u64, from_host: &mut [u8]) -> usize {
     // The clock ticks at 32 768 Hz and is read rounded down: without the tick on top the loop would wake
     // just before the time it asked for, and spin until it comes.
     let wake = Instant::from_micros(wake_us) + Duration::from_ticks(1);
-    // The UART task has its turn even if the interrupt line never goes low. Here and not behind the wait, where a
+    // The UART tasks have their turn even if the interrupt line never goes low. Here and not behind the wait, where a
     // frame may wait for its answer.
     yield_now().await;
-    select(interrupt.wait_for_high(), Timer::at(wake)).await;
+    let woken = select3(
+        interrupt.wait_for_high(),
+        Timer::at(wake),
+        uart::from_host(from_host),
+    )
+    .await;
+    match woken {
+        Either3::Third(count) => count,
+        Either3::First(()) | Either3::Second(()) => 0,
+    }
 }
 
 /// Microseconds since the start, in steps of 30.5 µs.

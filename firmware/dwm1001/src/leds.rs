@@ -78,7 +78,7 @@ impl Leds {
                     self.dropped.pulse.trigger(now_us);
                 }
             }
-            Record::Boot(_) | Record::Overheard(_) | Record::OverheardInterval(_) => {}
+            _ => {}
         }
     }
 

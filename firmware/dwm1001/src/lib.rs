@@ -3,13 +3,16 @@
 //!
 //! ```text
 //!   DW1000 IRQ ──► radio loop (app) ──records──► Outbox ──► UART task ──► P0.05, 1 Mbaud
-//!                     │    └─► LEDs
-//!                     └─► watchdog
+//!                  ▲  │  │ └─► LEDs
+//!                  │  │  └─► settings in flash
+//!                  │  └─► watchdog
+//!       commands ──┴── Pipe ◄── UART task ◄── P0.11
 //! ```
 //!
 //! Modules without hardware in them compile, and are tested, on the host too.
 #![cfg_attr(target_os = "none", no_std)]
 
+pub mod crash;
 pub mod identity;
 pub mod outbox;
 pub mod progress;
@@ -19,6 +22,8 @@ pub mod pulse;
 mod app;
 #[cfg(target_os = "none")]
 mod fault;
+#[cfg(target_os = "none")]
+mod flash;
 #[cfg(target_os = "none")]
 mod leds;
 #[cfg(target_os = "none")]

@@ -18,10 +18,14 @@ pub(crate) struct RadioPins {
 }
 
 /// The serial line to the host; on the DEV board the J-Link's virtual COM port.
-/// The board's receive pin is P0.11.
 pub(crate) struct UartPins {
     pub(crate) uart: Peri<'static, peripherals::UARTE0>,
     pub(crate) tx: Peri<'static, peripherals::P0_05>,
+    pub(crate) rx: Peri<'static, peripherals::P0_11>,
+    /// Tells when the line has gone idle, by these two channels.
+    pub(crate) idle_timer: Peri<'static, peripherals::TIMER1>,
+    pub(crate) idle_start: Peri<'static, peripherals::PPI_CH0>,
+    pub(crate) idle_stop: Peri<'static, peripherals::PPI_CH1>,
 }
 
 /// The four lights of the DEV board, lit by a low pin.
@@ -42,6 +46,7 @@ pub(crate) struct Board {
     pub(crate) uart: UartPins,
     pub(crate) leds: LedPins,
     pub(crate) watchdog: Peri<'static, peripherals::WDT>,
+    pub(crate) flash: Peri<'static, peripherals::NVMC>,
 }
 
 /// Starts the clocks and hands out the pins. To be called once.
@@ -65,6 +70,10 @@ pub(crate) fn take() -> Board {
         uart: UartPins {
             uart: p.UARTE0,
             tx: p.P0_05,
+            rx: p.P0_11,
+            idle_timer: p.TIMER1,
+            idle_start: p.PPI_CH0,
+            idle_stop: p.PPI_CH1,
         },
         leds: LedPins {
             green: p.P0_30,
@@ -73,5 +82,6 @@ pub(crate) fn take() -> Board {
             red_right: p.P0_14,
         },
         watchdog: p.WDT,
+        flash: p.NVMC,
     }
 }

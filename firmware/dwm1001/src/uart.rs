@@ -1,14 +1,18 @@
-//! Records to the host: the radio loop queues them, a task sends them by DMA. The radio never waits
-//! for the host.
+//! The line to the host. Records: the radio loop queues them, a task sends them by DMA; the radio never waits
+//! for the host. Commands: a task receives them by DMA, and the radio loop finds them in a pipe.
 
 use core::cell::RefCell;
 
 use embassy_executor::{SpawnError, Spawner};
-use embassy_nrf::uarte::{self, Baudrate, UarteTx};
+use embassy_nrf::pac;
+use embassy_nrf::pac::gpio::vals::Pull;
+use embassy_nrf::uarte::{self, Baudrate, Uarte, UarteRxWithIdle, UarteTx};
 use embassy_nrf::{bind_interrupts, peripherals};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
+use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
+use embassy_time::Timer;
 use nova_wire::{Encoder, MAX_FRAME_LEN, Record};
 
 use crate::outbox::Outbox;
@@ -32,6 +36,17 @@ const _: () = assert!(
 static OUTBOX: Mutex<ThreadModeRawMutex, RefCell<Outbox<OUTBOX_BYTES>>> =
     Mutex::new(RefCell::new(Outbox::new()));
 
+/// What came from the host and has not been read: three commands of the longest kind.
+const INBOX_BYTES: usize = 512;
+
+static INBOX: Pipe<ThreadModeRawMutex, INBOX_BYTES> = Pipe::new();
+
+/// Which pin of port 0 commands come in by.
+const RX_PIN: usize = 11;
+
+/// From an error on the receive line to the next attempt: one that is held low gives errors without end.
+const AFTER_ERROR_MS: u64 = 10;
+
 /// Raised when [`OUTBOX`] got a frame.
 static QUEUED: Signal<ThreadModeRawMutex, ()> = Signal::new();
 
@@ -42,12 +57,16 @@ pub(crate) struct RecordSink {
 }
 
 impl RecordSink {
-    /// Starts the sending task.
+    /// Starts the tasks that send and receive.
     pub(crate) fn start(spawner: Spawner, pins: UartPins) -> Result<Self, SpawnError> {
         let mut config = uarte::Config::default();
         config.baudrate = Baudrate::Baud1m;
-        let tx = UarteTx::new(pins.uart, Irqs, pins.tx, config);
+        let uart = Uarte::new(pins.uart, pins.rx, pins.tx, Irqs, config);
+        // An open line must not look like bytes.
+        pac::P0.pin_cnf(RX_PIN).modify(|w| w.set_pull(Pull::Pullup));
+        let (tx, rx) = uart.split_with_idle(pins.idle_timer, pins.idle_start, pins.idle_stop);
         spawner.spawn(send_queued(tx)?);
+        spawner.spawn(receive(rx)?);
         Ok(Self {
             encoder: Encoder::new(),
             frame: [0; MAX_FRAME_LEN],
@@ -83,6 +102,28 @@ async fn send_queued(mut tx: UarteTx<'static>) -> ! {
             };
             if let Err(error) = tx.write(bytes).await {
                 defmt::error!("UART: {}", error);
+            }
+        }
+    }
+}
+
+/// Waits for bytes from the host; returns how many there were.
+pub(crate) async fn from_host(buffer: &mut [u8]) -> usize {
+    INBOX.read(buffer).await
+}
+
+#[embassy_executor::task]
+async fn receive(mut rx: UarteRxWithIdle<'static>) -> ! {
+    let mut buffer = [0; CHUNK_BYTES];
+    loop {
+        match rx.read_until_idle(&mut buffer).await {
+            Ok(count) => {
+                // What does not fit is lost: the command is damaged then, which is counted, and asked again.
+                let _ = INBOX.try_write(buffer.get(..count).unwrap_or_default());
+            }
+            Err(error) => {
+                defmt::debug!("UART, receiving: {}", error);
+                Timer::after_millis(AFTER_ERROR_MS).await;
             }
         }
     }

@@ -4,7 +4,7 @@ use crate::peers::MAX_PEERS;
 use nova_ranging::exchange::Identity;
 use nova_ranging::superframe::Sharing;
 use nova_ranging::{Address, PanId, PhyProfile, Ticks, Timing};
-use nova_wire::{ResetCause, Role};
+use nova_wire::{ResetCause, Role, SettingsSource};
 
 /// A node's configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,6 +29,8 @@ pub struct NodeConfig {
     pub firmware: [u8; 3],
     /// Why the board started, for the host.
     pub reset_cause: ResetCause,
+    /// Where the settings come from, for the host.
+    pub settings: SettingsSource,
 }
 
 /// What a node does in rounds.
@@ -141,6 +143,7 @@ impl NodeConfig {
             reply_us: 600,
             firmware: [0, 1, 0],
             reset_cause: ResetCause::PowerOn,
+            settings: SettingsSource::Defaults,
         }
     }
 

@@ -14,6 +14,12 @@
 //!   radio.rs       Radio: DW1000 registers, time stamps, late sends, recovery
 //!                     │ SPI: access.rs for what every frame needs, dw1000::ll for the rest
 //!   bus.rs         RadioBus: what a board must provide
+//!
+//!   board's loop:  keeper.on_bytes(from the host)
+//!                     │
+//!   keeper.rs      Keeper: commands, answers
+//!   store.rs       Store: settings in flash, whole or as they were
+//!   settings.rs    from settings to the configuration
 //! ```
 #![no_std]
 
@@ -21,13 +27,17 @@ mod access;
 mod bus;
 mod config;
 mod diagnostics;
+mod keeper;
 mod node;
 mod peers;
 mod phy;
 mod radio;
+mod settings;
+pub mod store;
 
 pub use bus::{RadioBus, SpiBusWithSpeed, SpiSpeed};
 pub use config::{AntennaDelay, ConfigError, NodeConfig, Part};
+pub use keeper::{Keeper, Then};
 pub use node::{Node, StartError};
 pub use peers::MAX_PEERS;
 pub use radio::RadioError;

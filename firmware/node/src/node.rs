@@ -15,7 +15,8 @@ use nova_ranging::{
     MAX_RESPONDERS, Measurement, Message, Outcome, Responder, Step, Then, Ticks, Timing,
 };
 use nova_wire::{
-    Boot, Counters, Overheard, OverheardInterval, Range, RangeFlags, Record, Status, Treatment,
+    Boot, Counters, Overheard, OverheardInterval, Range, RangeFlags, Record, SettingsSource,
+    Status, Treatment,
 };
 
 /// From one status record to the next.
@@ -179,46 +180,22 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     pub fn new(bus: B, reset: R, delay: D, config: NodeConfig) -> Result<Self, ConfigError> {
         config.check()?;
         let timing = config.timing();
-        let playing = match &config.part {
-            Part::Responder => Playing::Responder(Responder::new(config.identity, timing)),
-            Part::Listener => Playing::Listener,
-            Part::Initiator {
-                period_us,
-                per_round,
-                peers,
-                sharing,
-            } => {
-                let peers = Peers::new(peers, *per_round);
-                Playing::Initiator(Polling {
-                    machine: Initiator::new(config.identity, timing),
-                    air: Superframe::new(
-                        config.identity,
-                        *sharing,
-                        timing,
-                        peers.slots(),
-                        *period_us,
-                    ),
-                    peers,
-                    missing: heapless::Vec::new(),
-                    owed: heapless::Vec::new(),
-                    repeat_until_us: None,
-                    missed: false,
-                    beacon: false,
-                    period_us: u64::from(*period_us),
-                    next_us: 0,
-                    turn_us: 0,
-                    spread: Spread::new(config.identity.address, config.reply_us),
-                })
-            }
-        };
         Ok(Self {
             radio: Radio::new(bus, reset, delay, config.antenna_delay),
+            playing: Playing::by(&config),
+            counters: Counters {
+                settings_discarded: u32::from(matches!(
+                    config.settings,
+                    SettingsSource::Damaged
+                        | SettingsSource::OtherVersion
+                        | SettingsSource::FlashFailed
+                )),
+                ..Counters::default()
+            },
             config,
-            playing,
             doing: Doing::Down { retry_us: 0 },
             timing,
             receptions: [Reception::default(); MAX_RESPONDERS],
-            counters: Counters::default(),
             next_status_us: 0,
             next_check_us: 0,
             heard_us: 0,
@@ -227,6 +204,26 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             booted: false,
             tried: false,
         })
+    }
+
+    /// Works by another configuration from now on. An exchange that runs is
+    /// given up; the radio is started again by the next [`Node::service`].
+    ///
+    /// # Errors
+    /// [`ConfigError`] says which setting cannot work; nothing has changed then.
+    pub fn reconfigure(&mut self, config: NodeConfig, now_us: u64) -> Result<(), ConfigError> {
+        config.check()?;
+        if !self.playing.is_idle() {
+            count(&mut self.counters.cut_off);
+        }
+        self.timing = config.timing();
+        self.playing = Playing::by(&config);
+        self.radio.set_antenna_delay(config.antenna_delay);
+        self.config = config;
+        self.doing = Doing::Down { retry_us: now_us };
+        // A start that was asked for is none of the radio's faults.
+        self.tried = false;
+        Ok(())
     }
 
     /// Starts the radio; blocks for some 10 ms.
@@ -261,6 +258,29 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         self.counters.records_dropped = self.counters.records_dropped.wrapping_add(dropped);
     }
 
+    /// Tells the node that a frame from the host held no command.
+    pub fn count_bad_command(&mut self) {
+        count(&mut self.counters.bad_commands);
+    }
+
+    /// Tells the node that a command was refused, and whether that was the
+    /// flash's fault.
+    pub fn count_refused_command(&mut self, flash_failed: bool) {
+        count(&mut self.counters.refused_commands);
+        if flash_failed {
+            count(&mut self.counters.flash_errors);
+        }
+    }
+
+    /// How the node is doing.
+    pub fn status(&self, now_us: u64) -> Status {
+        Status {
+            t_us: now_us,
+            address: self.config.identity.address.0,
+            counters: self.counters,
+        }
+    }
+
     /// Does all that is due at `now_us`, the board's time in microseconds
     /// since its start, and hands records to `emit`. Takes some 100 us, and
     /// some 10 ms when the radio has to be started again.
@@ -271,7 +291,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         if !self.booted {
             self.booted = true;
             self.next_status_us = now_us + STATUS_PERIOD_US;
-            emit(&Record::Boot(self.boot_record()));
+            emit(&Record::Boot(self.about()));
         }
         if let Doing::Down { retry_us } = self.doing
             && now_us >= retry_us
@@ -289,11 +309,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             if self.next_status_us <= now_us {
                 self.next_status_us = now_us + STATUS_PERIOD_US;
             }
-            emit(&Record::Status(Status {
-                t_us: now_us,
-                address: self.config.identity.address.0,
-                counters: self.counters,
-            }));
+            emit(&Record::Status(self.status(now_us)));
         }
         self.wake_us()
     }
@@ -685,13 +701,15 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         radio_us.min(self.next_status_us)
     }
 
-    fn boot_record(&self) -> Boot {
+    /// What the node is.
+    pub fn about(&self) -> Boot {
         Boot {
             address: self.config.identity.address.0,
             pan: self.config.identity.pan.0,
             role: self.config.role,
             firmware: self.config.firmware,
             reset_cause: self.config.reset_cause,
+            settings: self.config.settings,
         }
     }
 
@@ -757,6 +775,43 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 }
 
 impl Playing {
+    /// The part that `config` says, at its beginning.
+    fn by(config: &NodeConfig) -> Self {
+        let timing = config.timing();
+        match &config.part {
+            Part::Responder => Self::Responder(Responder::new(config.identity, timing)),
+            Part::Listener => Self::Listener,
+            Part::Initiator {
+                period_us,
+                per_round,
+                peers,
+                sharing,
+            } => {
+                let peers = Peers::new(peers, *per_round);
+                Self::Initiator(Polling {
+                    machine: Initiator::new(config.identity, timing),
+                    air: Superframe::new(
+                        config.identity,
+                        *sharing,
+                        timing,
+                        peers.slots(),
+                        *period_us,
+                    ),
+                    peers,
+                    missing: heapless::Vec::new(),
+                    owed: heapless::Vec::new(),
+                    repeat_until_us: None,
+                    missed: false,
+                    beacon: false,
+                    period_us: u64::from(*period_us),
+                    next_us: 0,
+                    turn_us: 0,
+                    spread: Spread::new(config.identity.address, config.reply_us),
+                })
+            }
+        }
+    }
+
     fn on_event(&mut self, event: Event<'_>) -> Step {
         match self {
             Self::Initiator(polling) => polling.machine.on_event(event),

@@ -158,6 +158,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         }
     }
 
+    /// Other antenna delays, from the next start on.
+    pub(crate) fn set_antenna_delay(&mut self, antenna_delay: AntennaDelay) {
+        self.antenna_delay = antenna_delay;
+    }
+
     /// Resets and configures the radio; afterwards it is idle. Takes some 10 ms.
     pub(crate) fn start(&mut self) -> Result<(), RadioError> {
         self.hard_reset()?;

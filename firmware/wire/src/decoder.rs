@@ -1,35 +1,51 @@
 //! From bytes to records.
 
-use crate::{CRC, CRC_LEN, MAX_FRAME_LEN, PROTOCOL_VERSION, Record};
+use crate::{CRC, CRC_LEN, Command, MAX_FRAME_LEN, Message, PROTOCOL_VERSION, Record};
+use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
-/// Finds records in a stream of bytes that may start anywhere, lack parts and
+/// Finds records: the host's side.
+pub type Decoder = FrameDecoder<Record>;
+
+/// Finds commands: the node's side.
+pub type CommandDecoder = FrameDecoder<Command>;
+
+/// What the end of a frame brought a host.
+pub type Event = FrameEvent<Record>;
+
+/// What the end of a frame brought a node.
+pub type CommandEvent = FrameEvent<Command>;
+
+/// Finds messages in a stream of bytes that may start anywhere, lack parts and
 /// carry garbage between frames.
 ///
 /// It never gets stuck: the next zero byte starts it afresh. Every frame that
 /// is whole, and has a zero byte before and behind, is found.
 #[derive(Clone, Debug)]
-pub struct Decoder {
+pub struct FrameDecoder<M> {
     frame: [u8; MAX_FRAME_LEN],
     len: usize,
     /// The bytes since the last zero do not fit a frame.
     overlong: bool,
     /// The sequence number that is due, once one has been seen.
     due: Option<u16>,
+    /// The sequence number of the last frame, if it was good enough to have one.
+    last: Option<u16>,
     statistics: Statistics,
+    messages: PhantomData<M>,
 }
 
 /// What the end of a frame brought.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Event {
-    /// A record.
+pub enum FrameEvent<M> {
+    /// A record, or a command.
     Record {
         /// The sender's count of frames, wrapping.
         sequence: u16,
         /// Frames missing before this one, by their numbers.
         lost: u16,
-        /// The record.
-        record: Record,
+        /// What the frame holds.
+        record: M,
     },
     /// A frame that gave no record.
     Trouble(Trouble),
@@ -44,7 +60,7 @@ pub enum Trouble {
     /// A good frame of another protocol version.
     Version(u8),
     /// A good frame with a record this reader does not know; its number among
-    /// the variants of [`Record`].
+    /// the variants of [`Record`] or [`Command`].
     Unknown(u32),
 }
 
@@ -63,13 +79,13 @@ pub struct Statistics {
     pub bytes: u64,
 }
 
-impl Default for Decoder {
+impl<M: Message> Default for FrameDecoder<M> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Decoder {
+impl<M: Message> FrameDecoder<M> {
     /// A decoder at the start of a stream.
     pub const fn new() -> Self {
         Self {
@@ -77,6 +93,7 @@ impl Decoder {
             len: 0,
             overlong: false,
             due: None,
+            last: None,
             statistics: Statistics {
                 records: 0,
                 lost: 0,
@@ -84,7 +101,15 @@ impl Decoder {
                 unknown: 0,
                 bytes: 0,
             },
+            messages: PhantomData,
         }
+    }
+
+    /// The sequence number of the frame that ended last; `None` if it was
+    /// damaged or of another version. An [unknown](Trouble::Unknown) command can
+    /// be answered by it.
+    pub const fn last_sequence(&self) -> Option<u16> {
+        self.last
     }
 
     /// What the stream has held so far.
@@ -93,7 +118,7 @@ impl Decoder {
     }
 
     /// Takes the next byte; returns something where a frame ends.
-    pub fn push(&mut self, byte: u8) -> Option<Event> {
+    pub fn push(&mut self, byte: u8) -> Option<FrameEvent<M>> {
         self.statistics.bytes += 1;
         if byte == 0 {
             return self.end_of_frame();
@@ -110,11 +135,11 @@ impl Decoder {
 
     /// Takes the end of the stream: bytes after the last zero are a frame that
     /// was cut off.
-    pub fn finish(&mut self) -> Option<Event> {
+    pub fn finish(&mut self) -> Option<FrameEvent<M>> {
         self.end_of_frame()
     }
 
-    fn end_of_frame(&mut self) -> Option<Event> {
+    fn end_of_frame(&mut self) -> Option<FrameEvent<M>> {
         let len = core::mem::take(&mut self.len);
         let overlong = core::mem::take(&mut self.overlong);
         if len == 0 {
@@ -131,14 +156,15 @@ impl Decoder {
     }
 
     /// Counts a frame and what is missing before it.
-    fn account(&mut self, opened: Opened) -> Event {
+    fn account(&mut self, opened: Opened<M>) -> FrameEvent<M> {
+        self.last = opened.sequence;
         let lost = match opened.sequence {
             None => 0,
             Some(sequence) => {
-                let lost = match (self.due, &opened.content) {
-                    // A node that has just started counts from 0 again.
-                    (None, _) | (_, Ok(Record::Boot(_))) => 0,
-                    (Some(due), _) => sequence.wrapping_sub(due),
+                let restarts = opened.content.as_ref().is_ok_and(M::restarts_count);
+                let lost = match self.due {
+                    Some(due) if !restarts => sequence.wrapping_sub(due),
+                    _ => 0,
                 };
                 self.due = Some(sequence.wrapping_add(1));
                 lost
@@ -148,7 +174,7 @@ impl Decoder {
         match opened.content {
             Ok(record) => {
                 self.statistics.records += 1;
-                Event::Record {
+                FrameEvent::Record {
                     sequence: opened.sequence.unwrap_or_default(),
                     lost,
                     record,
@@ -159,20 +185,20 @@ impl Decoder {
                     Trouble::Corrupt => self.statistics.corrupt += 1,
                     Trouble::Version(_) | Trouble::Unknown(_) => self.statistics.unknown += 1,
                 }
-                Event::Trouble(trouble)
+                FrameEvent::Trouble(trouble)
             }
         }
     }
 }
 
 /// A frame without its wrapping.
-struct Opened {
+struct Opened<M> {
     /// Known for every good frame of our version.
     sequence: Option<u16>,
-    content: Result<Record, Trouble>,
+    content: Result<M, Trouble>,
 }
 
-impl Opened {
+impl<M> Opened<M> {
     const CORRUPT: Self = Self {
         sequence: None,
         content: Err(Trouble::Corrupt),
@@ -180,7 +206,7 @@ impl Opened {
 }
 
 /// Takes the stuffing off `frame`, checks the CRC and reads the record.
-fn open(frame: &mut [u8]) -> Opened {
+fn open<M: Message>(frame: &mut [u8]) -> Opened<M> {
     let Ok(len) = cobs::decode_in_place(frame) else {
         return Opened::CORRUPT;
     };
@@ -206,10 +232,10 @@ fn open(frame: &mut [u8]) -> Opened {
     let Ok((sequence, body)) = postcard::take_from_bytes::<u16>(rest) else {
         return Opened::CORRUPT;
     };
-    let content = match postcard::take_from_bytes::<Record>(body) {
+    let content = match postcard::take_from_bytes::<M>(body) {
         Ok((record, [])) => Ok(record),
         _ => match postcard::take_from_bytes::<u32>(body) {
-            Ok((variant, _)) if variant >= Record::KNOWN => Err(Trouble::Unknown(variant)),
+            Ok((variant, _)) if variant >= M::KNOWN => Err(Trouble::Unknown(variant)),
             _ => Err(Trouble::Corrupt),
         },
     };

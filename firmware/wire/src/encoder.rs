@@ -1,6 +1,6 @@
-//! From records to bytes.
+//! From records and commands to bytes.
 
-use crate::{CRC, CRC_LEN, MAX_FRAME_LEN, MAX_PAYLOAD_LEN, PROTOCOL_VERSION, Record};
+use crate::{CRC, CRC_LEN, MAX_FRAME_LEN, MAX_PAYLOAD_LEN, Message, PROTOCOL_VERSION};
 
 /// Numbers records and frames them.
 #[derive(Clone, Debug, Default)]
@@ -29,16 +29,27 @@ impl core::error::Error for EncodeError {}
 impl Encoder {
     /// An encoder whose first frame has sequence number 0.
     pub const fn new() -> Self {
-        Self { sequence: 0 }
+        Self::starting_at(0)
+    }
+
+    /// An encoder whose first frame has this sequence number: for a host, whose
+    /// commands are to be told from those of whoever was connected before.
+    pub const fn starting_at(sequence: u16) -> Self {
+        Self { sequence }
+    }
+
+    /// The sequence number of the next frame.
+    pub const fn next_sequence(&self) -> u16 {
+        self.sequence
     }
 
     /// Frames `record` and returns the bytes for the wire, a part of `buffer`.
     ///
     /// # Errors
     /// [`EncodeError::TooLong`]; no sequence number is used up then.
-    pub fn encode<'b>(
+    pub fn encode<'b, M: Message>(
         &mut self,
-        record: &Record,
+        record: &M,
         buffer: &'b mut [u8; MAX_FRAME_LEN],
     ) -> Result<&'b [u8], EncodeError> {
         let mut payload = [0; MAX_PAYLOAD_LEN + CRC_LEN];

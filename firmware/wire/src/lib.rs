@@ -1,6 +1,6 @@
-//! What a node tells a host, and how the bytes are framed.
+//! What a node tells a host, what a host tells a node, and how the bytes are framed.
 //!
-//! Records are numbered, protected by a CRC-32 and stuffed with COBS, so that
+//! Records (node to host) and [commands](Command) (host to node) are numbered, protected by a CRC-32 and stuffed with COBS, so that
 //! a reader can start anywhere, notice every loss and never mistakes damage
 //! for data. docs/wire-format.md specifies the format byte by byte; this crate
 //! is what both sides use.
@@ -20,19 +20,29 @@
 #[cfg(test)]
 extern crate std;
 
+mod command;
 mod decoder;
 mod encoder;
+mod message;
 mod record;
+pub mod settings;
+mod text;
 
-pub use decoder::{Decoder, Event, Statistics, Trouble};
-pub use encoder::{EncodeError, Encoder};
-pub use record::{
-    Boot, Counters, Filtered, Overheard, OverheardInterval, PROTOCOL_VERSION, Quality, Range,
-    RangeFlags, Record, ResetCause, Role, Status, Treatment,
+pub use command::{Answer, Changes, Command, Outcome, Refusal};
+pub use decoder::{
+    CommandDecoder, CommandEvent, Decoder, Event, FrameDecoder, FrameEvent, Statistics, Trouble,
 };
+pub use encoder::{EncodeError, Encoder};
+pub use message::Message;
+pub use record::{
+    Boot, Counters, Crash, CrashKind, Filtered, Overheard, OverheardInterval, PROTOCOL_VERSION,
+    Quality, Range, RangeFlags, Record, ResetCause, Role, SettingsSource, Status, Treatment,
+};
+pub use settings::{Change, Setting, SettingValue, Settings, Value};
+pub use text::{MAX_TEXT_LEN, Text};
 
 /// Longest payload: version, sequence number and record, without CRC.
-pub const MAX_PAYLOAD_LEN: usize = 160;
+pub const MAX_PAYLOAD_LEN: usize = 240;
 
 const CRC_LEN: usize = 4;
 

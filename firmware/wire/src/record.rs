@@ -4,6 +4,7 @@
 //! changed: what is new comes as a new variant at the end of [`Record`], and
 //! readers pass over variants that they do not know.
 
+use crate::{Answer, SettingValue, Text};
 use serde::{Deserialize, Serialize};
 
 /// Version of the envelope and of all records in it. A reader refuses others.
@@ -24,11 +25,39 @@ pub enum Record {
     Overheard(Overheard),
     /// Listener: what an overheard final or report says.
     OverheardInterval(OverheardInterval),
+    /// What the node is; the answer to [`Command::Status`](crate::Command::Status).
+    About(Boot),
+    /// What one setting is; the answer to [`Command::Get`](crate::Command::Get).
+    Setting(SettingValue),
+    /// How a command ended, after everything else that it asked for.
+    Answer(Answer),
+    /// How the program before this one ended, if it crashed; after [`Record::Boot`].
+    Crash(Crash),
 }
 
-impl Record {
-    /// The number of variants this crate knows.
-    pub(crate) const KNOWN: u32 = 5;
+/// How a node's program ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Crash {
+    /// In what way.
+    pub kind: CrashKind,
+    /// A panic's line; a fault's program counter; otherwise 0.
+    pub at: u32,
+    /// A panic's file; why it gave up.
+    pub text: Text,
+}
+
+/// In what way a node's program ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(rename_all = "snake_case")]
+pub enum CrashKind {
+    /// A panic.
+    Panic,
+    /// A hard fault, a stack overflow among them.
+    HardFault,
+    /// It gave up and said why.
+    GaveUp,
 }
 
 /// A node's start.
@@ -45,6 +74,26 @@ pub struct Boot {
     pub firmware: [u8; 3],
     /// Why it started.
     pub reset_cause: ResetCause,
+    /// Where its settings come from.
+    pub settings: SettingsSource,
+}
+
+/// Where a node's settings come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(rename_all = "snake_case")]
+pub enum SettingsSource {
+    /// Nothing is stored: all defaults.
+    #[default]
+    Defaults,
+    /// From flash.
+    Stored,
+    /// Defaults, because what is stored cannot be read, or cannot work.
+    Damaged,
+    /// Defaults, because what is stored is of another version.
+    OtherVersion,
+    /// Defaults, because the flash does not work.
+    FlashFailed,
 }
 
 /// What a node is for.
@@ -64,7 +113,7 @@ pub enum Role {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(rename_all = "snake_case")]
 pub enum ResetCause {
-    /// Power came on, or the cause is not known.
+    /// Power came on.
     #[default]
     PowerOn,
     /// The reset pin.
@@ -75,6 +124,8 @@ pub enum ResetCause {
     Software,
     /// The processor locked up.
     Lockup,
+    /// The supply dipped, too shortly for the RAM to be lost.
+    BrownOut,
 }
 
 /// One measured range: what was measured, what the node's filter makes of it,
@@ -263,6 +314,14 @@ pub struct Counters {
     /// Times the radio was started again because it had received nothing, or given no range
     /// of a hundred tried, for five seconds.
     pub silences: u32,
+    /// Frames from the host that held no command: damaged, or not known.
+    pub bad_commands: u32,
+    /// Commands that were refused: see the answer.
+    pub refused_commands: u32,
+    /// Times that stored settings could not be used, see [`SettingsSource`].
+    pub settings_discarded: u32,
+    /// Writes to flash that failed.
+    pub flash_errors: u32,
 }
 
 /// A frame that a listener overheard.

@@ -3,7 +3,7 @@
 
 use nova_wire::{
     Boot, Counters, Decoder, Encoder, Event, Filtered, MAX_FRAME_LEN, PROTOCOL_VERSION, Quality,
-    Range, RangeFlags, Record, ResetCause, Role, Status, Treatment,
+    Range, RangeFlags, Record, ResetCause, Role, SettingsSource, Status, Treatment,
 };
 
 const PAGE: &str = include_str!("../../../docs/wire-format.md");
@@ -35,6 +35,7 @@ fn records() -> [Record; 3] {
             role: Role::Anchor,
             firmware: [0, 1, 0],
             reset_cause: ResetCause::Watchdog,
+            settings: SettingsSource::Stored,
         }),
         Record::Range(Range {
             t_us: 1_234_567,
@@ -87,6 +88,10 @@ fn records() -> [Record; 3] {
                 slots_left_out: 14,
                 beacons_left_out: 15,
                 silences: 16,
+                bad_commands: 1,
+                refused_commands: 2,
+                settings_discarded: 0,
+                flash_errors: 0,
             },
         }),
     ]

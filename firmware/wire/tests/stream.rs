@@ -3,7 +3,7 @@
 
 use nova_wire::{
     Boot, Counters, Decoder, Encoder, Event, Filtered, MAX_FRAME_LEN, PROTOCOL_VERSION, Quality,
-    Range, RangeFlags, Record, ResetCause, Role, Status, Treatment, Trouble,
+    Range, RangeFlags, Record, ResetCause, Role, SettingsSource, Status, Treatment, Trouble,
 };
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -42,6 +42,7 @@ fn boot() -> Record {
         role: Role::Anchor,
         firmware: [0, 1, 0],
         reset_cause: ResetCause::Watchdog,
+        settings: SettingsSource::Stored,
     })
 }
 
@@ -98,6 +99,10 @@ fn the_longest_record_fits() {
             slots_left_out: all,
             beacons_left_out: all,
             silences: all,
+            bad_commands: all,
+            refused_commands: all,
+            settings_discarded: all,
+            flash_errors: all,
         },
     });
     let bytes = frames(&[longest]).concat();
@@ -170,10 +175,10 @@ fn all_record_numbers_up_to_the_last_are_known() {
         decode(&mut decoder, &frame_around(&[PROTOCOL_VERSION, 0, variant]))
     };
     // Known numbers with nothing behind them are records cut short.
-    for known in 0..=4 {
+    for known in 0..=8 {
         assert_eq!(trouble(known), [Event::Trouble(Trouble::Corrupt)]);
     }
-    assert_eq!(trouble(5), [Event::Trouble(Trouble::Unknown(5))]);
+    assert_eq!(trouble(9), [Event::Trouble(Trouble::Unknown(9))]);
 }
 
 #[test]

@@ -5,7 +5,8 @@ mod common;
 
 use common::Nova;
 use nova_wire::{
-    Boot, Encoder, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record, ResetCause, Role, Treatment,
+    Boot, Encoder, MAX_FRAME_LEN, Quality, Range, RangeFlags, Record, ResetCause, Role,
+    SettingsSource, Treatment,
 };
 
 fn range(raw_m: f32) -> Record {
@@ -42,6 +43,7 @@ fn a_capture_becomes_one_json_line_a_record_and_the_counts() {
         role: Role::Anchor,
         firmware: [0, 1, 0],
         reset_cause: ResetCause::PowerOn,
+        settings: SettingsSource::Defaults,
     });
     let mut frames = frames(&[boot, range(1.5), range(2.5), range(-0.25)]);
     frames.remove(2);

@@ -220,6 +220,7 @@ mod tests {
             role: nova_wire::Role::Anchor,
             firmware: [0; 3],
             reset_cause: nova_wire::ResetCause::Watchdog,
+            settings: nova_wire::SettingsSource::Defaults,
         });
         // An hour after its start the board starts again.
         let records = [range(3_600_000_000), boot, range(1_000_000)];
