@@ -4,12 +4,14 @@
 //! |---|---|
 //! | `commands` | one file a subcommand |
 //! | `evaluation` | Monte Carlo tables, whole or in pieces |
+//! | `board` | a board that takes commands |
 //! | `settings` | settings of a flight as given |
 //! | `source` | a board's bytes: serial port, TCP, file, standard input |
 //! | `table` | CSV files with messages that name file and line |
 //! | `page`, `chart` | self-contained HTML pages with pictures |
 //! | [`sim_node`] | the firmware's node on a simulated board |
 
+mod board;
 mod board_clock;
 mod chart;
 mod commands;

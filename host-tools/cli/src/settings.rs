@@ -68,7 +68,7 @@ pub(crate) fn settings(
 fn changed(settings: &Settings, Change { key, value }: Change) -> Result<Settings> {
     let mut table = table_of(settings)?;
     let Some(place) = table.get_mut(&key) else {
-        return Err(unknown(&key, table.keys()));
+        return Err(unknown(&key, table.keys().map(String::as_str)));
     };
     let shown = value.to_string();
     *place = value;
@@ -76,8 +76,9 @@ fn changed(settings: &Settings, Change { key, value }: Change) -> Result<Setting
         .map_err(|error: toml::de::Error| bad_input!("setting {key}: {shown}: {}", error.message()))
 }
 
-fn unknown<'a>(key: &str, known: impl Iterator<Item = &'a String>) -> anyhow::Error {
-    let list: Vec<&str> = known.map(String::as_str).collect();
+/// There is no such setting; which ones there are, and which was likely meant.
+pub(crate) fn unknown<'a>(key: &str, known: impl Iterator<Item = &'a str>) -> anyhow::Error {
+    let list: Vec<&str> = known.collect();
     let nearest = (list.iter())
         .map(|name| (strsim::damerau_levenshtein(key, name), name))
         .min()

@@ -1,11 +1,13 @@
 //! The subcommands.
 
+mod config;
 mod decode;
 mod demo;
 mod evaluate;
 mod fly;
 mod guide;
 mod solve;
+mod status;
 mod twr;
 
 use crate::error::BadInput;
@@ -31,6 +33,8 @@ enum Command {
     Merge(evaluate::Merge),
     Twr(twr::Twr),
     Decode(decode::Decode),
+    Config(config::Config),
+    Status(status::Status),
 }
 
 /// Exit code where the input is at fault; the same that clap uses for arguments.
@@ -56,6 +60,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Merge(command) => command.run(),
         Command::Twr(command) => command.run(),
         Command::Decode(command) => command.run(),
+        Command::Config(command) => command.run(),
+        Command::Status(command) => command.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

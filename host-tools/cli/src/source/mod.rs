@@ -163,7 +163,6 @@ impl Source {
     ///
     /// # Errors
     /// There is no way to a board here, or it is lost.
-    #[allow(dead_code)] // until there are commands to send
     pub(crate) fn send(&mut self, bytes: &[u8]) -> Result<()> {
         let place = &self.place;
         let sent = match &mut self.link {
