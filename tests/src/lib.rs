@@ -5,5 +5,7 @@ mod network;
 mod scenario;
 pub mod soak;
 
+pub mod fuzz;
+
 pub use network::{BoardLog, Network, NetworkError};
 pub use scenario::{Action, Board, BoardRole, Expectation, FrameFault, Link, Scenario};
