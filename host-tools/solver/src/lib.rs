@@ -32,6 +32,7 @@
 pub mod baselines;
 pub mod bayes_opt;
 pub mod bound;
+pub mod calibration;
 pub mod dop;
 pub mod ins;
 pub mod ins_error;
