@@ -12,6 +12,7 @@
 //! | [`sim_node`] | the firmware's node on a simulated board |
 
 mod board;
+mod arrivals;
 mod board_clock;
 mod chart;
 mod commands;
@@ -19,8 +20,10 @@ mod error;
 mod evaluation;
 mod files;
 mod interrupt;
+mod node_address;
 mod page;
 mod peer;
+mod record_line;
 mod screen;
 mod settings;
 pub mod sim_node;

@@ -3,7 +3,8 @@
 use crate::error::bad_input;
 use anyhow::Result;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::io::{self, Read};
+use std::path::Path;
 use std::str::FromStr;
 
 /// Other names for columns: `wanted=in the file`, separated by commas.
@@ -33,9 +34,32 @@ impl ColumnNames {
     }
 }
 
+/// What a file is called in messages; `-` is standard input.
+pub(crate) fn file_name(path: &Path) -> String {
+    if is_standard_input(path) {
+        "standard input".to_owned()
+    } else {
+        path.display().to_string()
+    }
+}
+
+fn is_standard_input(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+fn read(path: &Path) -> io::Result<Vec<u8>> {
+    if !is_standard_input(path) {
+        return std::fs::read(path);
+    }
+    let mut content = Vec::new();
+    io::stdin().lock().read_to_end(&mut content)?;
+    Ok(content)
+}
+
 /// A CSV file with a header line.
 pub(crate) struct Table {
-    path: PathBuf,
+    /// What it is called in messages.
+    path: String,
     names: ColumnNames,
     renaming: &'static str,
     headers: csv::StringRecord,
@@ -59,15 +83,15 @@ pub(crate) struct Column<'a> {
 const COMMENT: u8 = b'#';
 
 impl Table {
-    /// Reads a file and its header. `names`, given by the option called `renaming`, may rename the
-    /// columns in `known`.
+    /// Reads a file, or standard input where it is called `-`, and its header. `names`, given by the
+    /// option called `renaming`, may rename the columns in `known`.
     pub(crate) fn open(
         path: &Path,
         names: &ColumnNames,
         renaming: &'static str,
         known: &[&str],
     ) -> Result<Self> {
-        let shown_path = path.display();
+        let shown_path = file_name(path);
         if let Some(stranger) = names.0.keys().find(|name| !known.contains(&name.as_str())) {
             return Err(bad_input!(
                 "{renaming} {}=...: no column is called that here (but {})",
@@ -75,8 +99,8 @@ impl Table {
                 known.join(", ")
             ));
         }
-        let content = std::fs::read(path)
-            .map_err(|error| bad_input!("{shown_path}: cannot be read: {error}"))?;
+        let content =
+            read(path).map_err(|error| bad_input!("{shown_path}: cannot be read: {error}"))?;
         if let Err(error) = std::str::from_utf8(&content) {
             let sound = content.get(..error.valid_up_to()).unwrap_or_default();
             let line = 1 + sound.iter().filter(|&&b| b == b'\n').count();
@@ -102,7 +126,7 @@ impl Table {
             ));
         }
         Ok(Self {
-            path: path.to_owned(),
+            path: shown_path,
             names: names.clone(),
             renaming,
             headers,
@@ -118,7 +142,7 @@ impl Table {
         if places.next().is_some() {
             return Err(bad_input!(
                 "{}: line 1: there are two columns '{}'",
-                self.path.display(),
+                self.path,
                 shown(name)
             ));
         }
@@ -135,7 +159,7 @@ impl Table {
             bad_input!(
                 "{}: line 1: there is no column '{}' (found: {}); \
                  {} {wanted}=NAME tells what it is called here",
-                self.path.display(),
+                self.path,
                 shown(self.names.in_file(wanted)),
                 shown(&present),
                 self.renaming
@@ -145,7 +169,7 @@ impl Table {
 
     /// Hands each line to `take`; stops at the first error.
     pub(crate) fn for_each(&self, mut take: impl FnMut(&Row<'_>) -> Result<()>) -> Result<u64> {
-        let path = self.path.display();
+        let path = &self.path;
         let mut rows = 0;
         for fields in reader(&self.content).records() {
             // Lines of any length are taken, and the file is text: nothing is
@@ -227,7 +251,7 @@ impl Row<'_> {
         }
         Err(bad_input!(
             "{}: line {}: {found} fields instead of {wanted}",
-            self.table.path.display(),
+            self.table.path,
             self.line
         ))
     }
@@ -247,7 +271,7 @@ impl Row<'_> {
     pub(crate) fn complain(&self, column: Column<'_>, what: &str) -> anyhow::Error {
         bad_input!(
             "{}: line {}: {} {what}",
-            self.table.path.display(),
+            self.table.path,
             self.line,
             self.table.names.in_file(column.name)
         )

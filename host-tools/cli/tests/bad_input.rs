@@ -233,3 +233,20 @@ fn a_page_that_cannot_be_written_is_named_and_nothing_is_left() {
     assert_eq!(said.code, 1);
     assert_eq!(nova.files(), ["keep"]);
 }
+
+#[test]
+fn standard_input_is_named_when_it_is_at_fault() {
+    for (arguments, input, mention) in [
+        (["solve", "-"], "", "standard input: the file is empty"),
+        (
+            ["solve", "-"],
+            "t_s\n1\n",
+            "standard input: line 1: there is no column 'peer'",
+        ),
+        (["twr", "-"], "t1_ticks\n1\n", "standard input: line 1"),
+    ] {
+        let said = Nova::new().run_fed(input.as_bytes(), &arguments);
+        assert_eq!((said.code, said.out.as_str()), (2, ""));
+        assert!(said.err.contains(mention), "{}", said.err);
+    }
+}

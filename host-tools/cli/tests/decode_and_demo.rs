@@ -132,7 +132,16 @@ fn the_same_seed_gives_the_same_flight_and_another_seed_another() {
 #[test]
 fn every_subcommand_has_help_with_an_example() {
     for command in [
-        "demo", "solve", "guide", "fly", "evaluate", "merge", "twr", "decode",
+        "demo",
+        "solve",
+        "guide",
+        "fly",
+        "evaluate",
+        "merge",
+        "twr",
+        "decode",
+        "listen",
+        "simulate",
     ] {
         let said = Nova::new().run(&[command, "--help"]);
         assert_eq!(said.code, 0);

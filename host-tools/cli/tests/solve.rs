@@ -44,6 +44,16 @@ fn distance_m(found: &Value, truth: &[f64]) -> f64 {
 }
 
 #[test]
+fn standard_input_gives_what_a_file_gives() {
+    let nova = Nova::new();
+    let ranges = flight([3.0, -4.0, 0.0], 0.0, 0.1);
+    nova.file("flight.csv", &ranges);
+    let fed = nova.run_fed(ranges.as_bytes(), &["solve", "-", "--json"]);
+    let read = nova.run(&["solve", "flight.csv", "--json"]);
+    assert_eq!((fed.code, fed.out), (0, read.out));
+}
+
+#[test]
 fn json_has_every_field_that_the_help_promises() {
     let nova = Nova::new();
     nova.file("flight.csv", flight([3.0, -4.0, 0.0], 0.0, 0.0));

@@ -54,6 +54,18 @@ fn the_table_is_csv_that_names_file_lines() {
 }
 
 #[test]
+fn standard_input_gives_what_a_file_gives() {
+    let nova = Nova::new();
+    let stamps = format!("{HEADER}{GOOD}");
+    nova.file("stamps.csv", &stamps);
+    let fed = nova.run_fed(stamps.as_bytes(), &["twr", "-"]);
+    assert_eq!(
+        (fed.code, fed.out),
+        (0, nova.run(&["twr", "stamps.csv"]).out)
+    );
+}
+
+#[test]
 fn the_speed_of_light_is_that_in_air_unless_told_otherwise() {
     let nova = Nova::new();
     nova.file("stamps.csv", format!("{HEADER}{GOOD}"));

@@ -2,11 +2,11 @@
 
 use crate::error::bad_input;
 use crate::interrupt;
+use crate::record_line::{Heard, Line, print};
 use crate::sim_node::BAUD;
 use crate::source::{Input, Place, Source};
 use anyhow::Result;
-use nova_wire::{Decoder, Event, Record, Statistics, Trouble};
-use serde::Serialize;
+use nova_wire::Decoder;
 use std::io::{BufWriter, Cursor, Write};
 use std::path::Path;
 
@@ -36,26 +36,6 @@ pub(crate) struct Decode {
     /// Print what is whole of a capture that was cut off.
     #[arg(long)]
     truncated: bool,
-}
-
-/// One line of output.
-#[derive(Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Line<'a> {
-    Trouble(&'a str),
-    End(&'a Statistics),
-    #[serde(untagged)]
-    Record {
-        sequence: u16,
-        #[serde(skip_serializing_if = "is_zero")]
-        lost: u16,
-        #[serde(flatten)]
-        record: &'a Record,
-    },
-}
-
-fn is_zero(lost: &u16) -> bool {
-    *lost == 0
 }
 
 impl Decode {
@@ -109,7 +89,7 @@ impl Decode {
                 Input::Silence | Input::Lost(_) | Input::Back => 0,
             };
             for event in chunk.iter().take(count).filter_map(|&b| decoder.push(b)) {
-                print(&mut out, &line(&event))?;
+                print(&mut out, Heard::default(), &Line::from(&event))?;
             }
             // Whoever watches a live stream sees what has come.
             out.flush()?;
@@ -118,11 +98,11 @@ impl Decode {
             }
         };
         if let Some(event) = &cut_off {
-            print(&mut out, &line(event))?;
+            print(&mut out, Heard::default(), &Line::from(event))?;
         }
         let name = input.place();
         let statistics = decoder.statistics();
-        print(&mut out, &Line::End(statistics))?;
+        print(&mut out, Heard::default(), &Line::End(statistics))?;
         out.flush()?;
         if statistics.records == 0 && statistics.unknown == 0 {
             return Err(bad_input!(
@@ -135,29 +115,5 @@ impl Decode {
             return Err(bad_input!("{name}: the stream ends inside a frame"));
         }
         Ok(())
-    }
-}
-
-fn print(out: &mut impl Write, line: &Line<'_>) -> Result<()> {
-    serde_json::to_writer(&mut *out, line)?;
-    Ok(out.write_all(b"\n")?)
-}
-
-fn line(event: &Event) -> Line<'_> {
-    match event {
-        Event::Record {
-            sequence,
-            lost,
-            record,
-        } => Line::Record {
-            sequence: *sequence,
-            lost: *lost,
-            record,
-        },
-        Event::Trouble(trouble) => Line::Trouble(match trouble {
-            Trouble::Corrupt => "corrupt",
-            Trouble::Version(_) => "unknown protocol version",
-            Trouble::Unknown(_) => "unknown record",
-        }),
     }
 }

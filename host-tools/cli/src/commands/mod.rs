@@ -6,6 +6,8 @@ mod demo;
 mod evaluate;
 mod fly;
 mod guide;
+mod listen;
+mod simulate;
 mod solve;
 mod status;
 mod twr;
@@ -35,6 +37,8 @@ enum Command {
     Decode(decode::Decode),
     Config(config::Config),
     Status(status::Status),
+    Listen(listen::Listen),
+    Simulate(simulate::Simulate),
 }
 
 /// Exit code where the input is at fault; the same that clap uses for arguments.
@@ -62,6 +66,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Decode(command) => command.run(),
         Command::Config(command) => command.run(),
         Command::Status(command) => command.run(),
+        Command::Listen(command) => command.run(),
+        Command::Simulate(command) => command.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,7 +2,7 @@
 
 use crate::error::bad_input;
 use crate::peer::Peer;
-use crate::table::{Column, ColumnNames, Row, Table};
+use crate::table::{Column, ColumnNames, Row, Table, file_name};
 use anyhow::Result;
 use nova_solver::multilateration::{Height, Noise, RangeBias};
 use nova_solver::{
@@ -26,10 +26,12 @@ use std::path::PathBuf;
   nova solve flight.csv
   nova solve flight.csv --range-bias 0.24 --json
   nova solve flight.csv --estimate-bias 0.5
+  grep -v ',7,' flight.csv | nova solve -
   nova solve flight.csv --height 0                    the nodes stand on the ground
   nova solve log.csv --columns peer=anchor,range_m=distance")]
 pub(crate) struct Solve {
-    /// The CSV file.
+    /// The CSV file; `-` for standard input.
+    #[arg(value_name = "FILE|-")]
     file: PathBuf,
     /// One JSON object a node instead of a table.
     #[arg(long)]
@@ -214,7 +216,7 @@ impl Solve {
         if peers.is_empty() {
             return Err(bad_input!(
                 "{}: none of {lines} lines can be used",
-                self.file.display()
+                file_name(&self.file)
             ));
         }
         if skipped > 0 {
@@ -260,7 +262,7 @@ impl Solve {
     }
 
     fn explain(&self, peer: &Peer, error: &SolveError) -> anyhow::Error {
-        let file = self.file.display();
+        let file = file_name(&self.file);
         match error {
             SolveError::TooFewMeasurements { got, unknowns } => bad_input!(
                 "{file}: node {peer} has {got} range{}, fewer than the {unknowns} unknowns; \

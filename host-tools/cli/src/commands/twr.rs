@@ -1,7 +1,7 @@
 //! `nova twr`: ranges from recorded time stamps.
 
 use crate::error::bad_input;
-use crate::table::{Column, ColumnNames, Row, Table};
+use crate::table::{Column, ColumnNames, Row, Table, file_name};
 use anyhow::Result;
 use nova_ranging::tof::{SPEED_OF_LIGHT_AIR_M_PER_S, SPEED_OF_LIGHT_VACUUM_M_PER_S};
 use nova_ranging::{DeviceTime, Stamps, TwoWay};
@@ -23,10 +23,11 @@ use std::str::FromStr;
 #[command(after_help = "Examples:
   nova twr stamps.csv                      a CSV table: line, range_m, clock_offset_ppm, error
   nova twr stamps.csv --json               one JSON object a line
-  nova twr stamps.csv --speed-of-light vacuum
+  nova twr - --speed-of-light vacuum < stamps.csv
   nova twr log.csv --columns t1_ticks=poll_tx,t2_ticks=poll_rx")]
 pub(crate) struct Twr {
-    /// The CSV file.
+    /// The CSV file; `-` for standard input.
+    #[arg(value_name = "FILE|-")]
     file: PathBuf,
     /// One JSON object a line instead of a CSV table.
     #[arg(long)]
@@ -99,7 +100,7 @@ impl Twr {
             });
             return Err(bad_input!(
                 "{}: no line gives a range{first}",
-                self.file.display()
+                file_name(&self.file)
             ));
         }
         self.write(&lines)?;

@@ -50,6 +50,11 @@ impl Place {
             Err(error) => Err(bad_input!("{text}: cannot be read: {error}")),
         }
     }
+
+    /// Whether bytes come from here when a board sends them, rather than from a recording.
+    pub(crate) fn is_live(&self) -> bool {
+        !matches!(self, Self::File(_))
+    }
 }
 
 impl fmt::Display for Place {

@@ -3,7 +3,7 @@
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
 
 /// Runs `nova` with these arguments in an empty folder.
@@ -37,21 +37,28 @@ impl Nova {
 
     /// The same with variables of the environment.
     pub(crate) fn run_with(&self, environment: &[(&str, &str)], arguments: &[&str]) -> Said {
-        let Output {
-            status,
-            stdout,
-            stderr,
-        } = Command::new(env!("CARGO_BIN_EXE_nova"))
+        let output = Command::new(env!("CARGO_BIN_EXE_nova"))
             .args(arguments)
             .envs(environment.iter().copied())
             .current_dir(self.folder.path())
             .output()
             .unwrap();
-        Said {
-            code: status.code().unwrap(),
-            out: String::from_utf8(stdout).unwrap(),
-            err: String::from_utf8(stderr).unwrap(),
-        }
+        Said::from(output)
+    }
+
+    /// The same with these bytes on standard input.
+    pub(crate) fn run_fed(&self, input: &[u8], arguments: &[&str]) -> Said {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_nova"))
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // It may refuse the input without reading it.
+        let _ = child.stdin.take().unwrap().write_all(input);
+        Said::from(child.wait_with_output().unwrap())
     }
 
     /// Names of all files in the folder.
@@ -62,6 +69,16 @@ impl Nova {
             .collect();
         names.sort();
         names
+    }
+}
+
+impl From<Output> for Said {
+    fn from(output: Output) -> Self {
+        Self {
+            code: output.status.code().unwrap(),
+            out: String::from_utf8(output.stdout).unwrap(),
+            err: String::from_utf8(output.stderr).unwrap(),
+        }
     }
 }
 
