@@ -11,8 +11,8 @@
 //! | `page`, `chart` | self-contained HTML pages with pictures |
 //! | [`sim_node`] | the firmware's node on a simulated board |
 
-mod board;
 mod arrivals;
+mod board;
 mod board_clock;
 mod chart;
 mod commands;

@@ -142,6 +142,7 @@ fn every_subcommand_has_help_with_an_example() {
         "decode",
         "listen",
         "simulate",
+        "calibrate",
     ] {
         let said = Nova::new().run(&[command, "--help"]);
         assert_eq!(said.code, 0);

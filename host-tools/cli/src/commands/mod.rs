@@ -1,5 +1,6 @@
 //! The subcommands.
 
+mod calibrate;
 mod config;
 mod decode;
 mod demo;
@@ -39,6 +40,7 @@ enum Command {
     Status(status::Status),
     Listen(listen::Listen),
     Simulate(simulate::Simulate),
+    Calibrate(calibrate::Calibrate),
 }
 
 /// Exit code where the input is at fault; the same that clap uses for arguments.
@@ -68,6 +70,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Status(command) => command.run(),
         Command::Listen(command) => command.run(),
         Command::Simulate(command) => command.run(),
+        Command::Calibrate(command) => command.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
