@@ -20,6 +20,8 @@
 //! | [`exchange`] | events, commands and outcomes common to all parts |
 //! | [`initiator`], [`responder`] | the two state machines of a round |
 //! | [`superframe`] | who may talk when: several initiators in one air |
+//! | [`nlos`] | whether the line of sight was blocked |
+//! | [`filter`] | gates and a Kalman filter for the ranges to each peer |
 //!
 //! Start reading at [`tof`], then [`timetable`] and [`initiator`]. docs/air-protocol.md
 //! shows the whole.
@@ -29,8 +31,10 @@
 extern crate std;
 
 pub mod exchange;
+pub mod filter;
 pub mod frame;
 pub mod initiator;
+pub mod nlos;
 pub mod phy;
 pub mod responder;
 pub mod superframe;
@@ -39,8 +43,10 @@ pub mod timetable;
 pub mod tof;
 
 pub use exchange::{Command, Event, Failure, Ignored, Measurement, Outcome, Step, Then, When};
+pub use filter::{FilterBank, FilterSettings, RangeFilter};
 pub use frame::{Address, Frame, FrameBuffer, FrameError, MAX_RESPONDERS, Message, PanId};
 pub use initiator::Initiator;
+pub use nlos::NlosRule;
 pub use phy::PhyProfile;
 pub use responder::Responder;
 pub use time::{DeviceTime, Ticks};
