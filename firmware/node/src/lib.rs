@@ -27,6 +27,7 @@ mod access;
 mod bus;
 mod config;
 mod diagnostics;
+mod judge;
 mod keeper;
 mod node;
 mod peers;

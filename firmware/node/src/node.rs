@@ -3,6 +3,7 @@
 use crate::bus::RadioBus;
 use crate::config::{ConfigError, NodeConfig, Part};
 use crate::diagnostics::Reception;
+use crate::judge::Judge;
 use crate::peers::{Peers, Plan};
 use crate::radio::{EMPTY_RX_BUFFER, Radio, RadioError, RadioEvent};
 use core::fmt;
@@ -11,12 +12,11 @@ use embedded_hal::digital::OutputPin;
 use nova_ranging::superframe::{Random, Superframe, Turn};
 use nova_ranging::tof::SPEED_OF_LIGHT_AIR_M_PER_S;
 use nova_ranging::{
-    Address, Command, DeviceTime, Event, Failure, Frame, FrameError, Ignored, Initiator,
-    MAX_RESPONDERS, Measurement, Message, Outcome, Responder, Step, Then, Ticks, Timing,
+    Address, Command, DeviceTime, Event, Failure, FilterSettings, Frame, FrameError, Ignored,
+    Initiator, MAX_RESPONDERS, Measurement, Message, Outcome, Responder, Step, Then, Ticks, Timing,
 };
 use nova_wire::{
-    Boot, Counters, Overheard, OverheardInterval, Range, RangeFlags, Record, SettingsSource,
-    Status, Treatment,
+    Boot, Counters, Overheard, OverheardInterval, Range, RangeFlags, Record, SettingsSource, Status,
 };
 
 /// From one status record to the next.
@@ -48,10 +48,6 @@ const RESTART_AFTER_US: u64 = 100_000;
 /// stops reporting cannot hold up the rest of the board.
 const EVENTS_PER_CALL: usize = 8;
 
-/// Difference in dB between receive power and first path from which on the
-/// line of sight is likely blocked (user manual, section 4.7).
-const WEAK_FIRST_PATH_DB: f32 = 10.0;
-
 /// A node that takes part in exchanges.
 ///
 /// `B`: the radio's bus, `R`: its reset line (open drain, low resets), `D`: a
@@ -65,6 +61,7 @@ pub struct Node<B, R, D> {
     /// How well the frames were received on whose time stamps ranges rest: the response
     /// in each slot at the initiator; the final, the first, at the responder.
     receptions: [Reception; MAX_RESPONDERS],
+    judge: Judge,
     counters: Counters,
     next_status_us: u64,
     next_check_us: u64,
@@ -196,6 +193,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             doing: Doing::Down { retry_us: 0 },
             timing,
             receptions: [Reception::default(); MAX_RESPONDERS],
+            judge: Judge::new(&timing.profile, FilterSettings::DEFAULT),
             next_status_us: 0,
             next_check_us: 0,
             heard_us: 0,
@@ -218,6 +216,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         }
         self.timing = config.timing();
         self.playing = Playing::by(&config);
+        self.judge = Judge::new(&self.timing.profile, FilterSettings::DEFAULT);
         self.radio.set_antenna_delay(config.antenna_delay);
         self.config = config;
         self.doing = Doing::Down { retry_us: now_us };
@@ -720,24 +719,22 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             .unwrap_or_default();
         let initiator = matches!(self.playing, Playing::Initiator(_));
         let quality = reception.quality(initiator);
-        let mut flags = RangeFlags::default();
-        if quality.rx_power_dbm - quality.first_path_power_dbm > WEAK_FIRST_PATH_DB {
-            flags = flags.with(RangeFlags::NLOS);
-        }
-        if initiator {
-            flags = flags.with(RangeFlags::INITIATOR);
-        }
-        Ok(Range {
+        let mut range = Range {
             t_us: now_us.saturating_sub(u64::from(age_us)),
             peer: m.peer.0,
             exchange: m.round,
             raw_m: m.two_way.range_m(SPEED_OF_LIGHT_AIR_M_PER_S) as f32,
-            treatment: Treatment::NotFiltered,
-            filtered: None,
             clock_offset_ppm: m.two_way.clock_offset_ppm as f32,
             quality: Some(quality),
-            flags,
-        })
+            flags: if initiator {
+                RangeFlags::INITIATOR
+            } else {
+                RangeFlags::default()
+            },
+            ..Range::default()
+        };
+        self.judge.judge(&mut range);
+        Ok(range)
     }
 
     fn failure_counter(&mut self, failure: &Failure) -> &mut u32 {
