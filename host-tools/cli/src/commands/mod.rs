@@ -5,6 +5,7 @@ mod config;
 mod decode;
 mod demo;
 mod evaluate;
+mod filter;
 mod fly;
 mod guide;
 mod listen;
@@ -41,6 +42,7 @@ enum Command {
     Listen(listen::Listen),
     Simulate(simulate::Simulate),
     Calibrate(calibrate::Calibrate),
+    Filter(filter::Filter),
 }
 
 /// Exit code where the input is at fault; the same that clap uses for arguments.
@@ -71,6 +73,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Listen(command) => command.run(),
         Command::Simulate(command) => command.run(),
         Command::Calibrate(command) => command.run(),
+        Command::Filter(command) => command.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
