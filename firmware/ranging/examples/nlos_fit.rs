@@ -8,8 +8,8 @@ mod nlos;
 
 use nlos::{FITTED_TO, Reception, fit, found_at, found_by_scores, left_out, share};
 
-fn main() {
-    let all = nlos::recording().unwrap_or_else(|path| panic!("no recording at {}", path.display()));
+fn main() -> Result<(), String> {
+    let all = nlos::recording().map_err(|path| format!("no recording at {}", path.display()))?;
     let (train, test): (Vec<Reception>, Vec<Reception>) =
         all.iter().partition(|r| FITTED_TO.contains(&r.place));
 
@@ -87,6 +87,7 @@ fn main() {
             yes / (yes + no)
         );
     }
+    Ok(())
 }
 
 fn share_weight(of: &[Reception], nlos: bool) -> f64 {
