@@ -381,7 +381,7 @@ impl Board {
             BoardRole::Anchor => NodeConfig::anchor(address),
             BoardRole::Listener => NodeConfig::listener(address),
         };
-        config.reply_us = self.reply_us.unwrap_or(config.reply_us);
+        config.reply_us = self.reply_us;
         if let Some(pan) = self.pan {
             config.identity.pan = PanId(pan);
         }

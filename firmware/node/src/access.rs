@@ -8,8 +8,18 @@
 use crate::bus::RadioBus;
 use crate::radio::RadioError;
 
+/// Every error of the register layer is one of the bus: chip select is a
+/// [`NoPin`](crate::bus::NoPin) and cannot fail.
+macro_rules! ll {
+    ($access:expr) => {
+        $access.map_err(|_| $crate::radio::RadioError::Bus)
+    };
+}
+
 /// SPI headers: register file, with bit 7 set for writing.
 pub(crate) mod header {
+    /// SYS_CFG (7.2.6).
+    pub(crate) const WRITE_SYS_CFG: u8 = 0x80 | 0x04;
     /// TX_FCTRL (7.2.10).
     pub(crate) const WRITE_TX_FCTRL: u8 = 0x80 | 0x08;
     /// TX_BUFFER (7.2.11).

@@ -1,9 +1,12 @@
 //! What a node is told before it starts.
 
+use crate::cost::DWM1001;
 use crate::peers::MAX_PEERS;
 use nova_ranging::exchange::Identity;
+use nova_ranging::frame::len;
+use nova_ranging::phy::{Budget, PhyError};
 use nova_ranging::superframe::Sharing;
-use nova_ranging::{Address, PanId, PhyProfile, Ticks, Timing};
+use nova_ranging::{Address, MAX_RESPONDERS, PanId, PhyProfile, Ticks, Timing};
 use nova_wire::{ResetCause, Role, SettingsSource};
 
 /// A node's configuration.
@@ -15,16 +18,16 @@ pub struct NodeConfig {
     pub role: Role,
     /// What the node does in rounds.
     pub part: Part,
-    /// Antenna delays of this board.
-    pub antenna_delay: AntennaDelay,
-    /// From a frame received to the answer sent, in microseconds; the same on
-    /// all nodes of a network.
-    ///
-    /// It has to hold, at the default mode: the rest of the frame received
-    /// (up to 54 us), interrupt latency, about 100 us of SPI at 8 MHz, the
-    /// processor's work, and the answer's preamble (140 us); from
-    /// [`NodeConfig::REPLY_US`].
-    pub reply_us: u32,
+    /// Antenna delays of this board, as far as they were set.
+    pub antenna_delay: SetAntennaDelay,
+    /// Mode of the radio; the same on all nodes of a network.
+    pub phy: PhyProfile,
+    /// From a frame received to the answer sent, from marker to marker, in
+    /// microseconds. Computed if `None`: the shortest that mode, bus and processor
+    /// allow (docs/air-time.md).
+    pub reply_us: Option<u32>,
+    /// What answering costs on this board.
+    pub budget: Budget,
     /// Firmware version, for the host.
     pub firmware: [u8; 3],
     /// Why the board started, for the host.
@@ -76,24 +79,63 @@ impl AntennaDelay {
     };
 }
 
+/// Antenna delays as far as they were set. For one that was not the radio is told what the factory wrote
+/// into it, or [`AntennaDelay::UNCALIBRATED`] where that is nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SetAntennaDelay {
+    /// Sending, in ticks.
+    pub tx_ticks: Option<u16>,
+    /// Receiving, in ticks.
+    pub rx_ticks: Option<u16>,
+}
+
+impl SetAntennaDelay {
+    /// Both, taken from `other` where they were not set.
+    pub fn or(self, other: AntennaDelay) -> AntennaDelay {
+        AntennaDelay {
+            tx_ticks: self.tx_ticks.unwrap_or(other.tx_ticks),
+            rx_ticks: self.rx_ticks.unwrap_or(other.rx_ticks),
+        }
+    }
+}
+
+impl From<AntennaDelay> for SetAntennaDelay {
+    fn from(AntennaDelay { tx_ticks, rx_ticks }: AntennaDelay) -> Self {
+        Self {
+            tx_ticks: Some(tx_ticks),
+            rx_ticks: Some(rx_ticks),
+        }
+    }
+}
+
 /// A setting that cannot work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ConfigError {
-    /// The reply time, in microseconds, is outside [`NodeConfig::REPLY_US`].
-    ReplyTime(u32),
+    /// The mode of the radio does not exist.
+    Phy(PhyError),
+    /// A reply time that cannot work: the answer's preamble would have to begin
+    /// before the frame to be answered is over, or the radio's own time-out of 67 ms
+    /// would not reach to the end of the answer. All in microseconds.
+    ReplyTime {
+        /// What was asked for.
+        us: u32,
+        /// What would work at least.
+        least: u32,
+        /// And at most.
+        most: u32,
+    },
 }
 
 impl core::fmt::Display for ConfigError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let (least, most) = (NodeConfig::REPLY_US.start(), NodeConfig::REPLY_US.end());
         match self {
-            Self::ReplyTime(us) => {
-                write!(
-                    f,
-                    "a reply time of {us} us is not between {least} and {most} us"
-                )
-            }
+            Self::Phy(error) => error.fmt(f),
+            Self::ReplyTime { us, least, most } => write!(
+                f,
+                "a reply time of {us} us is not between {least} and {most} us"
+            ),
         }
     }
 }
@@ -101,10 +143,9 @@ impl core::fmt::Display for ConfigError {
 impl core::error::Error for ConfigError {}
 
 impl NodeConfig {
-    /// Reply times that can work: below, the answer's preamble would have to
-    /// begin before the frame to be answered is over; above, the radio's own
-    /// time-out of 67 ms would not reach to the end of the answer.
-    pub const REPLY_US: core::ops::RangeInclusive<u32> = 200..=30_000;
+    /// The longest reply time: the poll carries it in 16 bits, and the radio's own
+    /// time-out of 67 ms has to reach to the end of the answer.
+    pub const MAX_REPLY_US: u32 = 30_000;
 
     /// The network that nodes are in unless told otherwise.
     pub const DEFAULT_PAN: PanId = PanId(0xDECA);
@@ -139,8 +180,13 @@ impl NodeConfig {
             },
             role,
             part,
-            antenna_delay: AntennaDelay::UNCALIBRATED,
-            reply_us: 600,
+            antenna_delay: SetAntennaDelay {
+                tx_ticks: None,
+                rx_ticks: None,
+            },
+            phy: PhyProfile::DEFAULT,
+            reply_us: None,
+            budget: DWM1001,
             firmware: [0, 1, 0],
             reset_cause: ResetCause::PowerOn,
             settings: SettingsSource::Defaults,
@@ -152,22 +198,111 @@ impl NodeConfig {
     /// # Errors
     /// The first that cannot.
     pub fn check(&self) -> Result<(), ConfigError> {
-        if Self::REPLY_US.contains(&self.reply_us) {
+        self.phy.check().map_err(ConfigError::Phy)?;
+        let us = self.reply_us();
+        let least = self.frames_us();
+        let most = Self::MAX_REPLY_US;
+        if (least..=most).contains(&us) {
             Ok(())
         } else {
-            Err(ConfigError::ReplyTime(self.reply_us))
+            Err(ConfigError::ReplyTime { us, least, most })
         }
     }
 
-    pub(crate) fn timing(&self) -> Timing {
-        // The node checks its settings before it asks for this.
-        let reply_us = u16::try_from(self.reply_us).unwrap_or(u16::MAX);
-        Timing {
-            reply_us,
-            // Taking one answer in and listening for the next costs less than answering.
-            slot_us: reply_us,
-            profile: PhyProfile::DEFAULT,
-            tx_antenna_delay: Ticks::new(self.antenna_delay.tx_ticks.into()),
+    /// From a frame received to the answer sent, in microseconds.
+    pub fn reply_us(&self) -> u32 {
+        self.reply_us.unwrap_or_else(|| self.shortest_reply_us())
+    }
+
+    /// The shortest reply time that mode, bus and processor allow, in microseconds.
+    pub fn shortest_reply_us(&self) -> u32 {
+        let n = self.responders();
+        [
+            (len::poll(n), len::RESPONSE),
+            (len::RESPONSE, len::last(n)),
+            (len::last(n), len::REPORT),
+        ]
+        .into_iter()
+        .map(|(received, sent)| self.budget.reply(&self.phy, received, sent).total())
+        .map(|turn| turn.to_us() + 1)
+        .max()
+        .unwrap_or(0)
+    }
+
+    /// From one answer to the next in a round of several, in microseconds.
+    pub fn slot_us(&self) -> u32 {
+        let slot = |bytes| self.budget.slot(&self.phy, bytes).total().to_us() + 1;
+        let shortest = slot(len::RESPONSE).max(slot(len::REPORT));
+        // Who is given more time than that for an answer has a slower board.
+        shortest + self.reply_us().saturating_sub(self.shortest_reply_us())
+    }
+
+    /// Most responders in one round.
+    fn responders(&self) -> usize {
+        match &self.part {
+            Part::Responder | Part::Listener => 1,
+            // While it searches there is a slot more than peers that it knows.
+            Part::Initiator {
+                per_round, peers, ..
+            } => match peers.len() {
+                0 => (usize::from(*per_round) + 1).clamp(2, MAX_RESPONDERS),
+                known => known.min(usize::from(*per_round)).clamp(1, MAX_RESPONDERS),
+            },
         }
+    }
+
+    /// What of a reply time the frames themselves take, in microseconds.
+    fn frames_us(&self) -> u32 {
+        let rest = self.phy.marker_to_end(len::last(self.responders()));
+        rest.to_us() + self.phy.preamble_to_marker().to_us() + 2
+    }
+
+    /// What the state machines are told of all this. `antenna_delay`: what the radio was
+    /// told.
+    pub fn timing(&self, antenna_delay: AntennaDelay) -> Timing {
+        // The node checks its settings before it asks for this.
+        let fit = |us: u32| u16::try_from(us).unwrap_or(u16::MAX);
+        Timing {
+            reply_us: fit(self.reply_us()),
+            slot_us: fit(self.slot_us()),
+            profile: self.phy,
+            tx_antenna_delay: Ticks::new(antenna_delay.tx_ticks.into()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_mode_of_the_radio_has_a_reply_time_that_works() {
+        for phy in PhyProfile::all() {
+            for config in [NodeConfig::tag(Address(1)), NodeConfig::anchor(Address(2))] {
+                let config = NodeConfig { phy, ..config };
+                assert_eq!(config.check(), Ok(()), "{phy}");
+                assert!(config.slot_us() <= config.reply_us(), "{phy}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_reply_time_that_cannot_work_is_refused_with_what_would() {
+        let config = NodeConfig {
+            reply_us: Some(100),
+            ..NodeConfig::tag(Address(1))
+        };
+        let Err(ConfigError::ReplyTime { us, least, most }) = config.check() else {
+            unreachable!("100 us are less than a preamble")
+        };
+        assert_eq!((us, most), (100, 30_000));
+        assert!((170..220).contains(&least), "{least}");
+    }
+
+    #[test]
+    fn more_responders_take_longer_finals() {
+        let tag = NodeConfig::tag(Address(1));
+        let anchor = NodeConfig::anchor(Address(2));
+        assert!(anchor.reply_us() > tag.reply_us());
     }
 }

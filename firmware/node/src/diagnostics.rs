@@ -2,12 +2,15 @@
 
 use crate::phy;
 use micromath::F32Ext;
+use nova_ranging::PhyProfile;
 use nova_wire::Quality;
 
 /// The radio's measures of one reception, as its registers give them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Reception {
+    /// The mode in which it was received.
+    pub(crate) profile: PhyProfile,
     /// FP_AMPL1 to FP_AMPL3: the channel impulse response around the first path.
     pub(crate) first_path_amplitudes: [u16; 3],
     /// CIR_PWR: power of the channel impulse response.
@@ -32,7 +35,7 @@ impl Reception {
     ///
     /// The manual's figure reads low above -85 dBm; no correction is made.
     pub(crate) fn rx_power_dbm(&self) -> f32 {
-        decibel(f32::from(self.response_power) * 131_072.0, self.symbols())
+        self.decibel(f32::from(self.response_power) * 131_072.0)
     }
 
     /// Power of the first path in dBm (user manual, section 4.7.1):
@@ -43,14 +46,15 @@ impl Reception {
             .iter()
             .map(|&f| f32::from(f) * f32::from(f))
             .sum();
-        decibel(squares, self.symbols())
+        self.decibel(squares)
     }
 
     /// All of it, for the host. `from_responder`: whose frame it was.
     pub(crate) fn quality(&self, from_responder: bool) -> Quality {
         let first_path = f32::from(self.first_path_index) / 64.0;
         // 21 bits signed: f32 holds them exactly.
-        let sender_faster_ppm = -(self.carrier_integrator as f32) * phy::CARRIER_PPM_PER_UNIT;
+        let sender_faster_ppm =
+            -(self.carrier_integrator as f32) * phy::carrier_ppm_per_unit(&self.profile);
         Quality {
             rx_power_dbm: self.rx_power_dbm(),
             first_path_power_dbm: self.first_path_power_dbm(),
@@ -69,21 +73,22 @@ impl Reception {
     /// N: the preamble symbols without the SFD's (user manual, section 7.2.18).
     fn symbols(&self) -> u16 {
         let adjustment = if self.preamble_count == self.preamble_count_unsaturated {
-            phy::RXPACC_ADJUSTMENT
+            phy::rxpacc_adjustment(self.profile.bitrate)
         } else {
             0
         };
         self.preamble_count.saturating_add_signed(adjustment)
     }
-}
 
-fn decibel(power: f32, symbols: u16) -> f32 {
-    let symbols = f32::from(symbols);
-    if power > 0.0 && symbols > 0.0 {
-        // By the trait's name: where std is linked in, f32 has its own log10.
-        10.0 * F32Ext::log10(power / (symbols * symbols)) - phy::POWER_CONSTANT_DB
-    } else {
-        f32::NAN
+    fn decibel(&self, power: f32) -> f32 {
+        let symbols = f32::from(self.symbols());
+        if power > 0.0 && symbols > 0.0 {
+            // By the trait's name: where std is linked in, f32 has its own log10.
+            let ratio_db = 10.0 * F32Ext::log10(power / (symbols * symbols));
+            ratio_db - phy::power_constant_db(self.profile.prf)
+        } else {
+            f32::NAN
+        }
     }
 }
 

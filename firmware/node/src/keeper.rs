@@ -118,7 +118,7 @@ impl<F: NorFlash> Keeper<F> {
     ) -> Then {
         let done = match command {
             Command::Get => {
-                in_force(&self.board, &self.settings)
+                in_force(&self.board, &self.settings, node.antenna_delay())
                     .for_each(|value| emit(&Record::Setting(value)));
                 Ok(())
             }

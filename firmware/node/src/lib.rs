@@ -11,7 +11,7 @@
 //!                     │
 //!   node.rs        Node: deadlines, counters, records
 //!                     │ commands, events
-//!   radio.rs       Radio: DW1000 registers, time stamps, late sends, recovery
+//!   radio.rs       Radio: DW1000 registers, time stamps, late sends, recovery; setup.rs: its start
 //!                     │ SPI: access.rs for what every frame needs, dw1000::ll for the rest
 //!   bus.rs         RadioBus: what a board must provide
 //!
@@ -23,9 +23,11 @@
 //! ```
 #![no_std]
 
+#[macro_use]
 mod access;
 mod bus;
 mod config;
+pub mod cost;
 mod diagnostics;
 mod judge;
 mod keeper;
@@ -34,10 +36,11 @@ mod peers;
 mod phy;
 mod radio;
 mod settings;
+mod setup;
 pub mod store;
 
 pub use bus::{RadioBus, SpiBusWithSpeed, SpiSpeed};
-pub use config::{AntennaDelay, ConfigError, NodeConfig, Part};
+pub use config::{AntennaDelay, ConfigError, NodeConfig, Part, SetAntennaDelay};
 pub use keeper::{Keeper, Then};
 pub use node::{Node, StartError};
 pub use peers::MAX_PEERS;

@@ -1,7 +1,7 @@
 //! The node: radio, state machine, deadlines, counters and records.
 
 use crate::bus::RadioBus;
-use crate::config::{ConfigError, NodeConfig, Part};
+use crate::config::{AntennaDelay, ConfigError, NodeConfig, Part};
 use crate::diagnostics::Reception;
 use crate::judge::Judge;
 use crate::peers::{Peers, Plan};
@@ -176,10 +176,10 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     /// [`ConfigError`] says which setting cannot work.
     pub fn new(bus: B, reset: R, delay: D, config: NodeConfig) -> Result<Self, ConfigError> {
         config.check()?;
-        let timing = config.timing();
+        let timing = config.timing(config.antenna_delay.or(AntennaDelay::UNCALIBRATED));
         Ok(Self {
-            radio: Radio::new(bus, reset, delay, config.antenna_delay),
-            playing: Playing::by(&config),
+            radio: Radio::new(bus, reset, delay, config.phy, config.antenna_delay),
+            playing: Playing::by(&config, timing),
             counters: Counters {
                 settings_discarded: u32::from(matches!(
                     config.settings,
@@ -214,10 +214,10 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         if !self.playing.is_idle() {
             count(&mut self.counters.cut_off);
         }
-        self.timing = config.timing();
-        self.playing = Playing::by(&config);
+        self.timing = config.timing(config.antenna_delay.or(AntennaDelay::UNCALIBRATED));
+        self.playing = Playing::by(&config, self.timing);
         self.judge = Judge::new(&self.timing.profile, FilterSettings::DEFAULT);
-        self.radio.set_antenna_delay(config.antenna_delay);
+        self.radio.set_up_as(config.phy, config.antenna_delay);
         self.config = config;
         self.doing = Doing::Down { retry_us: now_us };
         // A start that was asked for is none of the radio's faults.
@@ -269,6 +269,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         if flash_failed {
             count(&mut self.counters.flash_errors);
         }
+    }
+
+    /// The antenna delays that the radio was told when it was started last.
+    pub fn antenna_delay(&self) -> AntennaDelay {
+        self.radio.antenna_delay()
     }
 
     /// How the node is doing.
@@ -527,7 +532,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Command::Send { frame, when, then } => {
                 let on_time = self.radio.send(&frame, when, then)?;
                 // The last slot of a round is the furthest ahead that anything is sent.
-                let ahead_us = 10 * u64::from(self.config.reply_us);
+                let ahead_us = 10 * u64::from(self.timing.reply_us);
                 self.doing = Doing::Sending {
                     until_us: now_us + ahead_us + SEND_GUARD_US,
                     tail_us: self.timing.tail_us(frame.len()),
@@ -657,6 +662,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         if !self.playing.is_idle() {
             count(&mut self.counters.cut_off);
         }
+        // The factory's antenna delay is known only now.
+        self.timing = self.config.timing(self.radio.antenna_delay());
+        self.playing.set_timing(self.timing);
         match &mut self.playing {
             Playing::Responder(machine) => {
                 let command = machine.start();
@@ -773,8 +781,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 
 impl Playing {
     /// The part that `config` says, at its beginning.
-    fn by(config: &NodeConfig) -> Self {
-        let timing = config.timing();
+    fn by(config: &NodeConfig, timing: Timing) -> Self {
         match &config.part {
             Part::Responder => Self::Responder(Responder::new(config.identity, timing)),
             Part::Listener => Self::Listener,
@@ -803,9 +810,17 @@ impl Playing {
                     period_us: u64::from(*period_us),
                     next_us: 0,
                     turn_us: 0,
-                    spread: Spread::new(config.identity.address, config.reply_us),
+                    spread: Spread::new(config.identity.address, config.reply_us()),
                 })
             }
+        }
+    }
+
+    fn set_timing(&mut self, timing: Timing) {
+        match self {
+            Self::Initiator(polling) => polling.machine.set_timing(timing),
+            Self::Responder(machine) => machine.set_timing(timing),
+            Self::Listener => {}
         }
     }
 

@@ -9,8 +9,8 @@
 //! Time-outs, diagnostics and the clearing of events come when it is on its way.
 
 use crate::access::{self, ctrl, header, status};
-use crate::bus::{Legacy, NoPin, RadioBus, SpiSpeed};
-use crate::config::AntennaDelay;
+use crate::bus::{Legacy, NoPin, RadioBus};
+use crate::config::{AntennaDelay, SetAntennaDelay};
 use crate::diagnostics::Reception;
 use crate::phy;
 use dw1000::ll;
@@ -18,15 +18,23 @@ use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::OutputPin;
 use nova_ranging::frame::MAX_FRAME_LEN;
 use nova_ranging::time::MODULUS;
-use nova_ranging::{DeviceTime, Then, Ticks, When};
+use nova_ranging::{DeviceTime, PhyProfile, Then, Ticks, When};
 
 /// A DW1000 and the lines to it.
 pub(crate) struct Radio<B, R, D> {
-    bus: B,
-    reset: R,
-    delay: D,
-    antenna_delay: AntennaDelay,
-    set: Set,
+    pub(crate) bus: B,
+    pub(crate) reset: R,
+    pub(crate) delay: D,
+    pub(crate) profile: PhyProfile,
+    /// What people have set of them.
+    pub(crate) set_antenna_delay: SetAntennaDelay,
+    /// What the radio was told.
+    pub(crate) antenna_delay: AntennaDelay,
+    /// SYS_CFG without the bit for the time-out.
+    pub(crate) sys_cfg: u32,
+    /// TX_FCTRL without the frame's length.
+    pub(crate) tx_fctrl: u32,
+    pub(crate) set: Set,
     /// A frame was taken out of the radio whose events it still shows.
     taken: bool,
     /// Times that the bus was seen to lose bits.
@@ -35,7 +43,7 @@ pub(crate) struct Radio<B, R, D> {
 
 /// Registers that change from frame to frame, as they are in the radio.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Set {
+pub(crate) struct Set {
     /// W4R_TIM.
     listen_after: u32,
     /// RX_FWTO.
@@ -94,17 +102,6 @@ impl core::fmt::Display for RadioError {
 
 impl core::error::Error for RadioError {}
 
-/// Every error of the register layer is one of the bus: chip select is a
-/// [`NoPin`] and cannot fail.
-macro_rules! ll {
-    ($access:expr) => {
-        $access.map_err(|_| RadioError::Bus)
-    };
-}
-
-/// Identifier of the DW1000: tag, model, version and revision (7.2.2).
-const DEVICE_ID: u32 = 0xDECA_0130;
-
 /// Bytes of a received frame that are read: one more than the longest of ours, so that a
 /// longer one is still told from it.
 const RX_BUFFER_LEN: usize = MAX_FRAME_LEN + 1;
@@ -120,61 +117,48 @@ pub(crate) const EMPTY_RX_BUFFER: RxBuffer = [0; RX_BUFFER_LEN + 1];
 /// over (7.2.17, RXDFR), so that no further read is needed as a rule.
 const STAMP_TRIES: usize = 10;
 
-/// Crystal trim for crystals without a value of their own: the middle of 0 to 31.
-const MID_RANGE_TRIM: u8 = 0x10;
-
 /// The most that W4R_TIM holds: 20 bits (7.2.28).
 const W4R_TIM_MAX: u32 = 0xF_FFFF;
 
 /// Length of the frame check sequence that the radio adds and checks.
 const FCS_LEN: u8 = 2;
 
-/// TX_FCTRL above the frame's length: rate, ranging bit, pulse repetition frequency
-/// and preamble (7.2.10).
-const TX_FCTRL: u32 = (phy::RATE_6800_KBPS as u32) << 13
-    | 1 << 15
-    | (phy::PRF_64_MHZ as u32) << 16
-    | (phy::PREAMBLE_128_TXPSR as u32) << 18
-    | (phy::PREAMBLE_128_PE as u32) << 20;
-
-/// AGC_TUNE3, register 0x23:12, which `dw1000::ll` does not have (7.2.36.7).
-const WRITE_AGC_TUNE3: [u8; 2] = [0x80 | 0x40 | 0x23, 0x12];
-/// FS_XTALT: crystal trim, register 0x2B:0E (7.2.44.5).
-const WRITE_FS_XTALT: [u8; 2] = [0x80 | 0x40 | 0x2B, 0x0E];
 /// DRX_CAR_INT, register 0x27:28 (7.2.40.11), for reading.
 const READ_DRX_CAR_INT: [u8; 2] = [0x40 | 0x27, 0x28];
 
 impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     /// A radio that is not started yet.
-    pub(crate) fn new(bus: B, reset: R, delay: D, antenna_delay: AntennaDelay) -> Self {
+    pub(crate) fn new(
+        bus: B,
+        reset: R,
+        delay: D,
+        profile: PhyProfile,
+        antenna_delay: SetAntennaDelay,
+    ) -> Self {
         Self {
             bus,
             reset,
             delay,
-            antenna_delay,
+            profile,
+            set_antenna_delay: antenna_delay,
+            antenna_delay: antenna_delay.or(AntennaDelay::UNCALIBRATED),
+            sys_cfg: 0,
+            tx_fctrl: 0,
             set: Set::default(),
             taken: false,
             bus_errors: 0,
         }
     }
 
-    /// Other antenna delays, from the next start on.
-    pub(crate) fn set_antenna_delay(&mut self, antenna_delay: AntennaDelay) {
-        self.antenna_delay = antenna_delay;
+    /// Another mode and other antenna delays, from the next start on.
+    pub(crate) fn set_up_as(&mut self, profile: PhyProfile, antenna_delay: SetAntennaDelay) {
+        self.profile = profile;
+        self.set_antenna_delay = antenna_delay;
     }
 
-    /// Resets and configures the radio; afterwards it is idle. Takes some 10 ms.
-    pub(crate) fn start(&mut self) -> Result<(), RadioError> {
-        self.hard_reset()?;
-        self.check_identity()?;
-        // Without lock detection on, CPLOCK cannot be trusted (7.2.37.1).
-        ll!(self.ll().ec_ctrl().write(|w| w.pllldt(1)))?;
-        self.load_from_otp()?;
-        self.configure()?;
-        self.wait_for_clock()?;
-        self.keep_transmitter_clock_on()?;
-        self.bus.set_speed(SpiSpeed::Fast);
-        self.check_settings()
+    /// The antenna delays that the radio was told when it was started last.
+    pub(crate) fn antenna_delay(&self) -> AntennaDelay {
+        self.antenna_delay
     }
 
     /// Sends a frame; the radio then does by itself what `then` says. `Ok(false)`
@@ -187,7 +171,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     ) -> Result<bool, RadioError> {
         self.write_tx_buffer(frame)?;
         let len = u32::from(frame.len() as u8 + FCS_LEN);
-        let [a, b, c, d] = (TX_FCTRL | len).to_le_bytes();
+        let [a, b, c, d] = (self.tx_fctrl | len).to_le_bytes();
         self.write_raw(&[header::WRITE_TX_FCTRL, a, b, c, d])?;
         let mut command = ctrl::TXSTRT;
         if let When::At(start) = when {
@@ -320,6 +304,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             .map_err(|_| RadioError::Bus)?;
         let [_, _, low, mid, high, _, count_low, count_high] = digital;
         Ok(Reception {
+            profile: self.profile,
             first_path_amplitudes: [time.fp_ampl1(), quality.fp_ampl2(), quality.fp_ampl3()],
             response_power: quality.cir_pwr(),
             preamble_count: info.rxpacc(),
@@ -464,7 +449,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             }
         }
         if us.is_some() != self.set.timeout_on {
-            self.write_sys_cfg(us.is_some())?;
+            let timeout = if us.is_some() { phy::RXWTOE } else { 0 };
+            let [a, b, c, d] = (self.sys_cfg | timeout).to_le_bytes();
+            self.write_raw(&[header::WRITE_SYS_CFG, a, b, c, d])?;
             self.set.timeout_on = us.is_some();
         }
         Ok(())
@@ -478,144 +465,6 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             self.write_raw(&[header::WRITE_SYS_STATUS, a, b, c, d])?;
         }
         Ok(())
-    }
-
-    fn hard_reset(&mut self) -> Result<(), RadioError> {
-        self.bus.set_speed(SpiSpeed::Slow);
-        // Open drain: high lets go of the line, which the radio pulls up
-        // itself (data sheet, table 1: RSTn).
-        self.reset.set_low().map_err(|_| RadioError::Reset)?;
-        self.delay.delay_us(100);
-        self.reset.set_high().map_err(|_| RadioError::Reset)?;
-        // From WAKEUP to INIT and the crystal running: about 4 ms (2.3.2).
-        self.delay.delay_ms(5);
-        Ok(())
-    }
-
-    fn check_identity(&mut self) -> Result<(), RadioError> {
-        let id = ll!(self.ll().dev_id().read())?;
-        let read = u32::from(id.ridtag()) << 16
-            | u32::from(id.model()) << 8
-            | u32::from(id.ver()) << 4
-            | u32::from(id.rev());
-        if read == DEVICE_ID {
-            Ok(())
-        } else {
-            Err(RadioError::WrongDevice(read))
-        }
-    }
-
-    /// Takes LDO tuning and crystal trim from the factory's memory, and the
-    /// code for the leading-edge search into place.
-    fn load_from_otp(&mut self) -> Result<(), RadioError> {
-        // Reading the memory wants the crystal's clock (7.2.50.1, SYSCLKS),
-        // loading the code this very value (2.5.5.10, table 4).
-        ll!(self.ll().pmsc_ctrl0().write(|w| w.raw_value(0xF030_0301)))?;
-        let ldo_low = self.read_otp(0x004)?;
-        if ldo_low & 0xFF != 0 {
-            let ldo_high = self.read_otp(0x005)?;
-            let tune = u64::from(ldo_low) | u64::from(ldo_high & 0xFF) << 32;
-            ll!(self.ll().ldotune().write(|w| w.value(tune)))?;
-        }
-        // 0 means never trimmed (8.1); after a reset the trim is 0 too, which
-        // is the end of its range.
-        let trim = match (self.read_otp(0x01E)? & 0x1F) as u8 {
-            0 => MID_RANGE_TRIM,
-            trim => trim,
-        };
-        let [register, sub] = WRITE_FS_XTALT;
-        self.write_raw(&[register, sub, 0x60 | trim])?;
-        ll!(self.ll().otp_ctrl().write(|w| w.ldeload(1)))?;
-        self.delay.delay_us(150);
-        ll!(self.ll().pmsc_ctrl0().write(|w| w.raw_value(0xF030_0200)))
-    }
-
-    fn read_otp(&mut self, address: u16) -> Result<u32, RadioError> {
-        ll!(self.ll().otp_addr().write(|w| w.value(address)))?;
-        ll!(self.ll().otp_ctrl().write(|w| w.otprden(1).otpread(1)))?;
-        // OTPREAD clears itself; reading takes well below a transfer's time
-        // (6.3.3).
-        let value = ll!(self.ll().otp_rdat().read())?.value();
-        ll!(self.ll().otp_ctrl().write(|w| w))?;
-        Ok(value)
-    }
-
-    fn configure(&mut self) -> Result<(), RadioError> {
-        let AntennaDelay { tx_ticks, rx_ticks } = self.antenna_delay;
-        self.write_sys_cfg(false)?;
-        // What a reset leaves.
-        self.set = Set::default();
-        let [register, sub] = WRITE_AGC_TUNE3;
-        let [low, high] = phy::AGC_TUNE3.to_le_bytes();
-        self.write_raw(&[register, sub, low, high])?;
-        let mut ll = self.ll();
-        ll!(ll.chan_ctrl().write(|w| {
-            w.tx_chan(phy::CHANNEL)
-                .rx_chan(phy::CHANNEL)
-                .rxprf(phy::PRF_64_MHZ)
-                .tx_pcode(phy::PREAMBLE_CODE)
-                .rx_pcode(phy::PREAMBLE_CODE)
-        }))?;
-        ll!(ll.agc_tune1().write(|w| w.value(phy::AGC_TUNE1)))?;
-        ll!(ll.agc_tune2().write(|w| w.value(phy::AGC_TUNE2)))?;
-        ll!(ll.drx_tune0b().write(|w| w.value(phy::DRX_TUNE0B)))?;
-        ll!(ll.drx_tune1a().write(|w| w.value(phy::DRX_TUNE1A)))?;
-        ll!(ll.drx_tune1b().write(|w| w.value(phy::DRX_TUNE1B)))?;
-        ll!(ll.drx_tune2().write(|w| w.value(phy::DRX_TUNE2)))?;
-        ll!(ll.drx_tune4h().write(|w| w.value(phy::DRX_TUNE4H)))?;
-        ll!(ll.drx_sfdtoc().write(|w| w.count(phy::DRX_SFDTOC)))?;
-        ll!(ll.rf_rxctrlh().write(|w| w.value(phy::RF_RXCTRLH)))?;
-        ll!(ll.rf_txctrl().write(|w| w.value(phy::RF_TXCTRL)))?;
-        ll!(ll.tc_pgdelay().write(|w| w.value(phy::TC_PGDELAY)))?;
-        ll!(ll.fs_pllcfg().write(|w| w.value(phy::FS_PLLCFG)))?;
-        ll!(ll.fs_plltune().write(|w| w.value(phy::FS_PLLTUNE)))?;
-        ll!(ll.tx_power().write(|w| w.value(phy::TX_POWER)))?;
-        ll!(ll
-            .lde_cfg1()
-            .write(|w| w.ntm(phy::LDE_NTM).pmult(phy::LDE_PMULT)))?;
-        ll!(ll.lde_cfg2().write(|w| w.value(phy::LDE_CFG2)))?;
-        ll!(ll.lde_repc().write(|w| w.value(phy::LDE_REPC)))?;
-        ll!(ll.lde_rxantd().write(|w| w.value(rx_ticks)))?;
-        ll!(ll.tx_antd().write(|w| w.value(tx_ticks)))?;
-        // All that `poll` looks for. A failed leading-edge search shows with
-        // the frame it belongs to.
-        ll!(ll.sys_mask().write(|w| {
-            w.mtxfrs(1)
-                .mrxfcg(1)
-                .mrxphe(1)
-                .mrxfce(1)
-                .mrxrfsl(1)
-                .mrxsfdto(1)
-                .mrxrfto(1)
-        }))?;
-        self.clear_status()
-    }
-
-    /// SYS_CFG: interrupt line active high, single receive buffer, and whether
-    /// RX_FWTO ends a reception. Frames are told apart by the state machines,
-    /// not by the radio's filter.
-    fn write_sys_cfg(&mut self, timeout: bool) -> Result<(), RadioError> {
-        ll!(self
-            .ll()
-            .sys_cfg()
-            .write(|w| w.hirq_pol(1).dis_drxb(1).rxwtoe(timeout.into())))
-    }
-
-    fn wait_for_clock(&mut self) -> Result<(), RadioError> {
-        for _ in 0..10 {
-            if ll!(self.ll().sys_status().read())?.cplock() == 1 {
-                return Ok(());
-            }
-            self.delay.delay_ms(1);
-        }
-        Err(RadioError::ClockNotLocked)
-    }
-
-    /// Keeps the transmitter's clock from being switched off between frames.
-    /// Otherwise a delayed transmission asked for at the very last moment is at
-    /// times neither sent nor flagged (erratum TX-1).
-    fn keep_transmitter_clock_on(&mut self) -> Result<(), RadioError> {
-        ll!(self.ll().pmsc_ctrl0().modify(|_, w| w.txclks(0b10)))
     }
 
     /// Soft reset of the receiver only (7.2.50.1). Reads back whether it took place: a
@@ -632,7 +481,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
 
     /// Clears all events of transmitter and receiver. HPDWARN, TXPUTE and
     /// RXOVRR are read-only and end with their cause (7.2.17).
-    fn clear_status(&mut self) -> Result<(), RadioError> {
+    pub(crate) fn clear_status(&mut self) -> Result<(), RadioError> {
         self.taken = false;
         let [a, b, c, d] = (status::TRANSMITTED | status::RECEIVED).to_le_bytes();
         self.write_raw(&[header::WRITE_SYS_STATUS, a, b, c, d])
@@ -649,11 +498,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         self.write_raw(&bytes)
     }
 
-    fn write_raw(&mut self, bytes: &[u8]) -> Result<(), RadioError> {
+    pub(crate) fn write_raw(&mut self, bytes: &[u8]) -> Result<(), RadioError> {
         access::write(&mut self.bus, bytes)
     }
 
-    fn ll(&mut self) -> ll::DW1000<Legacy<'_, B>, NoPin> {
+    pub(crate) fn ll(&mut self) -> ll::DW1000<Legacy<'_, B>, NoPin> {
         ll::DW1000::new(Legacy(&mut self.bus), NoPin)
     }
 }
@@ -661,4 +510,132 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
 /// Microseconds in the radio's timers' unit of 512/499.2 MHz = 1.0256 us, rounded down.
 fn timer_counts(us: u32) -> u32 {
     (u64::from(us) * 39 / 40) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::SpiSpeed;
+    use crate::cost::DWM1001;
+    use core::convert::Infallible;
+    use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
+    use nova_ranging::Ticks;
+    use nova_ranging::phy::Work;
+
+    /// A radio that always has a frame of `frame_len` bytes, and counts what it costs.
+    #[derive(Default)]
+    struct Spy {
+        frame_len: u8,
+        transactions: u32,
+        bytes: u32,
+        /// The counts when a transmission was started.
+        at_start: Option<(u32, u32)>,
+        /// DX_TIME.
+        start: [u8; 5],
+    }
+
+    impl Spy {
+        fn take(&mut self) -> (u32, u32) {
+            (
+                core::mem::take(&mut self.transactions),
+                core::mem::take(&mut self.bytes),
+            )
+        }
+    }
+
+    impl ErrorType for Spy {
+        type Error = Infallible;
+    }
+
+    impl SpiDevice for Spy {
+        fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
+            self.transactions += 1;
+            for operation in operations {
+                match operation {
+                    Operation::Write(bytes) => {
+                        self.bytes += bytes.len() as u32;
+                        if bytes.first() == Some(&header::WRITE_SYS_CTRL) {
+                            self.at_start = Some((self.transactions, self.bytes));
+                        }
+                        if let [header::WRITE_DX_TIME, a, b, c, d, e] = **bytes {
+                            self.start = [a, b, c, d, e];
+                        }
+                    }
+                    Operation::TransferInPlace(bytes) => {
+                        self.bytes += bytes.len() as u32;
+                        let status = (status::RXFCG | status::LDEDONE).to_le_bytes();
+                        let answer: &[u8] = match bytes.first() {
+                            Some(&header::READ_SYS_STATUS) => &status,
+                            Some(&header::READ_DX_TIME) => &self.start,
+                            Some(&header::READ_RX_FINFO) => &[self.frame_len + FCS_LEN],
+                            _ => &[],
+                        };
+                        bytes.fill(0);
+                        for (byte, &value) in bytes.iter_mut().skip(1).zip(answer) {
+                            *byte = value;
+                        }
+                    }
+                    _ => unreachable!("no other operation is used"),
+                }
+            }
+            Ok(())
+        }
+    }
+
+    impl RadioBus for Spy {
+        fn set_speed(&mut self, _: SpiSpeed) {}
+    }
+
+    struct Nothing;
+
+    impl DelayNs for Nothing {
+        fn delay_ns(&mut self, _: u32) {}
+    }
+
+    impl embedded_hal::digital::ErrorType for Nothing {
+        type Error = Infallible;
+    }
+
+    impl OutputPin for Nothing {
+        fn set_low(&mut self) -> Result<(), Infallible> {
+            Ok(())
+        }
+
+        fn set_high(&mut self) -> Result<(), Infallible> {
+            Ok(())
+        }
+    }
+
+    fn cost(work: &Work, frame: u32) -> (u32, u32) {
+        (work.transactions, work.bytes + frame)
+    }
+
+    /// Reply times are computed from these counts.
+    #[test]
+    fn frames_cost_the_transactions_and_bytes_of_the_budget() {
+        let spy = Spy {
+            frame_len: 21,
+            ..Spy::default()
+        };
+        let mut radio = Radio::new(spy, Nothing, Nothing, PhyProfile::DEFAULT, SetAntennaDelay::default());
+        let mut buffer = EMPTY_RX_BUFFER;
+        let event = radio.poll(&mut buffer);
+        assert!(matches!(
+            event,
+            Ok(Some(RadioEvent::Received { bytes, .. })) if bytes.len() == 21
+        ));
+        assert_eq!(radio.bus.take(), cost(&DWM1001.take, 21));
+
+        let at = When::At(DeviceTime::from_ticks(512));
+        assert_eq!(radio.send(&[0; 14], at, Then::Idle), Ok(true));
+        assert_eq!(radio.bus.at_start, Some(cost(&DWM1001.answer, 14)));
+
+        // The first time-out of all costs a transaction more.
+        assert_eq!(radio.set_timeout(Some(1)), Ok(()));
+        assert!(radio.poll(&mut buffer).is_ok());
+        radio.bus.take();
+        let until = DeviceTime::from_ticks(0).after(Ticks::from_us(500));
+        assert_eq!(radio.listen(Some(until)), Ok(Some(500)));
+        assert_eq!(radio.bus.take(), cost(&DWM1001.listen, 0));
+    }
 }

@@ -2,7 +2,7 @@
 //!
 //! What nobody has set is what the board brings: see [`nova_wire::settings::SETTINGS`].
 
-use crate::config::{AntennaDelay, ConfigError, NodeConfig, Part};
+use crate::config::{AntennaDelay, ConfigError, NodeConfig, Part, SetAntennaDelay};
 use nova_ranging::exchange::Identity;
 use nova_ranging::superframe::Sharing;
 use nova_ranging::{Address, PanId};
@@ -24,11 +24,21 @@ const SHARING: [Sharing; 4] = [
 
 /// What a node with these settings works by, on a board that brings `board`.
 pub(crate) fn configuration(board: &NodeConfig, settings: &Settings) -> NodeConfig {
-    let in_force = InForce { board, settings };
+    let in_force = InForce {
+        board,
+        settings,
+        radio: AntennaDelay::UNCALIBRATED,
+    };
     let number = |setting| in_force.number(setting);
     // Settings are checked against their ranges before they get here, so that
     // nothing is cut off.
-    let short = |setting| number(setting) as u16;
+    let cut = |number: u32| number as u16;
+    let short = |setting| cut(number(setting));
+    // What is found out or computed unless it is set.
+    let set = |setting| match settings.get(setting) {
+        Some(Value::Number(number)) => Some(number),
+        _ => None,
+    };
     NodeConfig {
         identity: Identity {
             pan: PanId(short(Setting::Pan)),
@@ -45,21 +55,26 @@ pub(crate) fn configuration(board: &NodeConfig, settings: &Settings) -> NodeConf
             LISTENER => Part::Listener,
             _ => Part::Responder,
         },
-        antenna_delay: AntennaDelay {
-            tx_ticks: short(Setting::TxAntennaDelay),
-            rx_ticks: short(Setting::RxAntennaDelay),
+        antenna_delay: SetAntennaDelay {
+            tx_ticks: set(Setting::TxAntennaDelay).map(cut).or(board.antenna_delay.tx_ticks),
+            rx_ticks: set(Setting::RxAntennaDelay).map(cut).or(board.antenna_delay.rx_ticks),
         },
-        reply_us: number(Setting::ReplyUs),
+        reply_us: set(Setting::ReplyUs).or(board.reply_us),
         ..board.clone()
     }
 }
 
-/// All settings as the node works by them.
+/// All settings as the node works by them. `radio`: the antenna delays that the radio was told.
 pub(crate) fn in_force<'a>(
     board: &'a NodeConfig,
     settings: &'a Settings,
+    radio: AntennaDelay,
 ) -> impl Iterator<Item = SettingValue> + 'a {
-    let in_force = InForce { board, settings };
+    let in_force = InForce {
+        board,
+        settings,
+        radio,
+    };
     nova_wire::settings::SETTINGS
         .iter()
         .map(move |description| SettingValue {
@@ -72,10 +87,10 @@ pub(crate) fn in_force<'a>(
 /// What the host is told about settings that cannot work together.
 pub(crate) fn refusal(error: &ConfigError) -> Refusal {
     match error {
-        ConfigError::ReplyTime(_) => Refusal::OutOfRange {
+        &ConfigError::ReplyTime { least, most, .. } => Refusal::OutOfRange {
             setting: Setting::ReplyUs.number(),
-            least: *NodeConfig::REPLY_US.start(),
-            most: *NodeConfig::REPLY_US.end(),
+            least,
+            most,
         },
     }
 }
@@ -83,6 +98,8 @@ pub(crate) fn refusal(error: &ConfigError) -> Refusal {
 struct InForce<'a> {
     board: &'a NodeConfig,
     settings: &'a Settings,
+    /// What the radio was told.
+    radio: AntennaDelay,
 }
 
 impl InForce<'_> {
@@ -120,13 +137,13 @@ impl InForce<'_> {
                 Part::Initiator { .. } => INITIATOR,
                 Part::Listener => LISTENER,
             },
-            Setting::TxAntennaDelay => board.antenna_delay.tx_ticks.into(),
-            Setting::RxAntennaDelay => board.antenna_delay.rx_ticks.into(),
+            Setting::TxAntennaDelay => board.antenna_delay.or(self.radio).tx_ticks.into(),
+            Setting::RxAntennaDelay => board.antenna_delay.or(self.radio).rx_ticks.into(),
+            Setting::ReplyUs => configuration(board, self.settings).reply_us(),
             // Their defaults stand in the list.
             Setting::Pan
             | Setting::Peers
             | Setting::PeriodUs
-            | Setting::ReplyUs
             | Setting::PerRound
             | Setting::Sharing => 0,
         })
@@ -136,8 +153,11 @@ impl InForce<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nova_ranging::PhyProfile;
     use nova_wire::Change;
     use nova_wire::settings::{Addresses, Kind, MAX_ADDRESSES, SETTINGS};
+
+    const RADIO: AntennaDelay = AntennaDelay::UNCALIBRATED;
 
     fn boards() -> [NodeConfig; 3] {
         [
@@ -160,7 +180,20 @@ mod tests {
         let Kind::Number { least, most, .. } = Setting::ReplyUs.description().kind else {
             panic!("a reply time is a number");
         };
-        assert_eq!(least..=most, NodeConfig::REPLY_US);
+        assert_eq!(most, NodeConfig::MAX_REPLY_US);
+        // What works at least depends on the mode: the list has the least of all.
+        let shortest = PhyProfile::all().map(|phy| {
+            let board = NodeConfig {
+                phy,
+                reply_us: Some(0),
+                ..NodeConfig::tag(Address(1))
+            };
+            match board.check() {
+                Err(ConfigError::ReplyTime { least, .. }) => least,
+                other => panic!("{other:?}"),
+            }
+        });
+        assert_eq!(Some(least), shortest.min());
     }
 
     #[test]
@@ -171,6 +204,7 @@ mod tests {
                 let old = InForce {
                     board: &board,
                     settings: &Settings::new(),
+                    radio: RADIO,
                 }
                 .value(setting);
                 let value = match old {
@@ -186,7 +220,7 @@ mod tests {
                     value: Some(value),
                 };
                 settings.change(&change).unwrap();
-                let told = in_force(&board, &settings).nth(setting as usize);
+                let told = in_force(&board, &settings, RADIO).nth(setting as usize);
                 assert_eq!(
                     told,
                     Some(SettingValue {

@@ -91,6 +91,11 @@ impl Initiator {
         }
     }
 
+    /// Changes the node's speed and antenna delay; to be called while no round runs.
+    pub fn set_timing(&mut self, timing: Timing) {
+        self.timing = timing;
+    }
+
     /// Whether no round runs.
     pub fn is_idle(&self) -> bool {
         self.state == State::Idle

@@ -76,9 +76,12 @@ impl Ticks {
 
     /// The span in whole ticks of `us` microseconds (rounded down).
     ///
-    /// A microsecond is 63 897.6 ticks.
+    /// A microsecond is 63 897.6 ticks. Without a division of 64 bits, which on the board is a
+    /// loop of some hundred instructions.
     pub const fn from_us(us: u32) -> Self {
-        Self(us as u64 * (TICKS_PER_SECOND / 100_000) / 10 % MODULUS)
+        let whole = us as u64 * (TICKS_PER_SECOND / 1_000_000);
+        let tenths = (us / 10 * 6 + us % 10 * 6 / 10) as u64;
+        Self::new(whole + tenths)
     }
 
     /// The shortest span of whole ticks that is not below `ns` nanoseconds.
@@ -92,8 +95,13 @@ impl Ticks {
     }
 
     /// The span in whole microseconds (rounded down).
+    ///
+    /// By a multiplication with the reciprocal, as in [`Ticks::from_us`]. Exact: it is too large
+    /// by less than 2^-64, which 44 bits of tenths of ticks make less than a 638 976th.
     pub const fn to_us(self) -> u32 {
-        (self.0 * 10 / (TICKS_PER_SECOND / 100_000)) as u32
+        const TENTHS_PER_US: u64 = TICKS_PER_SECOND / 100_000;
+        const RECIPROCAL: u64 = u64::MAX / TENTHS_PER_US + 1;
+        (((self.0 * 10) as u128 * RECIPROCAL as u128) >> 64) as u32
     }
 }
 
@@ -134,6 +142,23 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn microseconds_are_converted_exactly(ticks in 0..MODULUS, us: u32) {
+            prop_assert_eq!(u64::from(Ticks::new(ticks).to_us()), ticks * 10 / 638_976);
+            let exact = u128::from(us) * 638_976 / 10 % u128::from(MODULUS);
+            prop_assert_eq!(u128::from(Ticks::from_us(us).get()), exact);
+        }
+
+        #[test]
+        fn whole_microseconds_are_where_they_should_be(us in 0u64..17_207_401) {
+            // The hardest cases: right at a microsecond, and one tick before.
+            let at = (us * 638_976).div_ceil(10);
+            prop_assert_eq!(u64::from(Ticks::new(at).to_us()), us);
+            if at > 0 {
+                prop_assert_eq!(u64::from(Ticks::new(at - 1).to_us()), us.max(1) - 1);
+            }
+        }
+
         #[test]
         fn since_undoes_after(start in 0..MODULUS, span in 0..MODULUS) {
             let start = DeviceTime::from_ticks(start);

@@ -1,8 +1,14 @@
 //! The firmware's node on a simulated board: what `firmware/dwm1001` is on a
-//! real one.
+//! real one, the processor's time included: [`nova_node::cost`] says how much of it
+//! is spent where, and it is charged there.
 
+use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
+use nova_hal_sim::board::SpiDev;
 use nova_hal_sim::flash::PAGE_BYTES;
-use nova_hal_sim::{BoardConfig, BoardHal, BoardId, Simulation, UartConfig};
+use nova_hal_sim::{
+    BoardConfig, BoardHal, BoardId, SimDuration, Simulation, SpiTiming, UartConfig,
+};
+use nova_node::cost::{DWM1001, RECORD_NS};
 use nova_node::{ConfigError, Keeper, Node, NodeConfig, RadioBus, SpiBusWithSpeed, SpiSpeed, Then};
 use nova_wire::{Encoder, MAX_FRAME_LEN, Record, ResetCause};
 
@@ -32,19 +38,71 @@ pub fn add(
             baud: BAUD,
             ..board.uart
         },
+        // What the caller adds to the usual cost of a transaction comes on top.
+        spi: SpiTiming {
+            before: board.spi.before + SimDuration::from_ns(extra_transaction_ns()),
+            ..board.spi
+        },
         ..board
     };
     Ok(sim.add_board(board, move |hal| run(&hal, node)))
 }
 
+/// What a transaction costs on the board beyond what a simulated board takes for it.
+fn extra_transaction_ns() -> u64 {
+    let usual = SpiTiming::default();
+    let usual_fs = usual.before.as_fs() + usual.after.as_fs();
+    u64::from(DWM1001.transaction_ns).saturating_sub(usual_fs / 1_000_000)
+}
+
 /// The way to the board's radio.
-pub fn radio_bus(hal: &BoardHal) -> impl RadioBus {
-    SpiBusWithSpeed::new(hal.spi_device(), |spi, speed| {
-        spi.set_frequency(match speed {
+pub fn radio_bus(hal: &BoardHal) -> impl RadioBus + use<> {
+    let device = Charged {
+        device: hal.spi_device(),
+        hal: hal.clone(),
+    };
+    SpiBusWithSpeed::new(device, |spi: &mut Charged<SpiDev>, speed| {
+        spi.device.set_frequency(match speed {
             SpiSpeed::Slow => SLOW_HZ,
             SpiSpeed::Fast => FAST_HZ,
         });
     })
+}
+
+/// A bus that charges what the processor does before it uses it.
+struct Charged<S> {
+    device: S,
+    hal: BoardHal,
+}
+
+impl<S: ErrorType> ErrorType for Charged<S> {
+    type Error = S::Error;
+}
+
+impl<S: SpiDevice> SpiDevice for Charged<S> {
+    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), S::Error> {
+        let bytes = match operations.first() {
+            Some(Operation::Write(bytes)) => *bytes,
+            Some(Operation::TransferInPlace(bytes)) => &**bytes,
+            _ => &[],
+        };
+        self.hal.charge_cpu_ns(cpu_ns_before(bytes));
+        self.device.transaction(operations)
+    }
+}
+
+/// What the processor works on before it writes or reads these bytes.
+fn cpu_ns_before(bytes: &[u8]) -> u64 {
+    /// SYS_TIME read: the end of a time-out is computed, or the age of a range.
+    const READ_SYS_TIME: u8 = 0x06;
+    /// TX_BUFFER written: a frame was understood, and its answer made.
+    const WRITE_TX_BUFFER: u8 = 0x89;
+    let ns = match bytes.first() {
+        Some(&WRITE_TX_BUFFER) => DWM1001.answer.cpu_ns,
+        Some(&READ_SYS_TIME) => DWM1001.listen.cpu_ns,
+        _ => 0,
+    };
+    ns.into()
 }
 
 fn run(hal: &BoardHal, mut board: NodeConfig) {
@@ -83,6 +141,7 @@ fn live(hal: &BoardHal, board: NodeConfig) -> Option<End> {
                 return;
             }
             let mut buffer = [0; MAX_FRAME_LEN];
+            hal.charge_cpu_ns(RECORD_NS.into());
             let sent = encoder
                 .encode(record, &mut buffer)
                 .is_ok_and(|frame| uart.write(frame) == frame.len());
@@ -104,5 +163,7 @@ fn live(hal: &BoardHal, board: NodeConfig) -> Option<End> {
             return Some(End::Rebooted);
         }
         hal.wait_event_until(start_us.saturating_add(wake_us));
+        // Interrupt, executor, and back into the node.
+        hal.charge_cpu_ns(DWM1001.wake_ns.into());
     }
 }

@@ -65,7 +65,7 @@ fn streams(boards: &[Board], anchor: usize, seed: u64) -> Vec<Vec<u8>> {
             } else {
                 NodeConfig::tag(address)
             };
-            node.antenna_delay = board.told;
+            node.antenna_delay = board.told.into();
             let [tx, rx] = board.true_ticks;
             let config = BoardConfig {
                 motion: Motion::fixed(board.place_m),

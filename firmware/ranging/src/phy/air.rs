@@ -15,13 +15,13 @@ use crate::time::Ticks;
 /// Ticks in a chip.
 const CHIP: u64 = 128;
 /// Bits of the PHY header, its error correction among them.
-const PHR_BITS: u64 = 21;
+const PHR_BITS: u32 = 21;
 /// The Reed-Solomon code adds [`PARITY_BITS`] to every so many bits of data, or part of them.
-const BLOCK_BITS: u64 = 330;
+const BLOCK_BITS: u32 = 330;
 /// See [`BLOCK_BITS`].
-const PARITY_BITS: u64 = 48;
+const PARITY_BITS: u32 = 48;
 /// The frame check sequence that the radio appends, in bytes.
-const FCS_BYTES: u64 = 2;
+const FCS_BYTES: u32 = 2;
 
 /// The parts of one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,9 +48,10 @@ impl PhyProfile {
     /// The parts of a frame of `bytes` bytes, not counting the frame check sequence, which is added here.
     pub const fn air_time(&self, bytes: usize) -> AirTime {
         let symbol = self.symbol().get();
-        let bits = 8 * (bytes as u64 + FCS_BYTES);
+        // In 32 bits, which the board's processor divides by itself; the radio has frames of 127 bytes.
+        let bits = 8 * (bytes as u32 + FCS_BYTES);
         let parity = bits.div_ceil(BLOCK_BITS) * PARITY_BITS;
-        let (header_bit, data_bit) = match self.bitrate {
+        let (header_bit, data_bit): (u32, u64) = match self.bitrate {
             Bitrate::Kbps110 => (4096, 4096),
             Bitrate::Kbps850 => (512, 512),
             Bitrate::Kbps6800 => (512, 64),
@@ -58,8 +59,8 @@ impl PhyProfile {
         AirTime {
             preamble: Ticks::new(self.preamble.symbols() as u64 * symbol),
             sfd: Ticks::new(self.sfd_symbols() as u64 * symbol),
-            header: Ticks::new(PHR_BITS * header_bit * CHIP),
-            data: Ticks::new((bits + parity) * data_bit * CHIP),
+            header: Ticks::new((PHR_BITS * header_bit) as u64 * CHIP),
+            data: Ticks::new((bits + parity) as u64 * data_bit * CHIP),
         }
     }
 

@@ -7,9 +7,9 @@
 //!                        |<------------------------ reply time ------------------------------->|
 //! ```
 //!
-//! Reply times are counted from marker to marker, as those are what is time-stamped. Nothing in here is a guess: air
+//! Turn times are counted from marker to marker, as those are what is time-stamped. Nothing in here is a guess: air
 //! times follow from the profile, transfers from their number and length and the bus's clock, and the processor's part
-//! is measured.
+//! is measured (docs/air-time.md).
 
 use super::PhyProfile;
 use crate::time::Ticks;
@@ -40,16 +40,20 @@ pub struct Budget {
     pub take: Work,
     /// From there until the radio has its orders.
     pub answer: Work,
+    /// From the frame in memory until the receiver is told to go on.
+    pub listen: Work,
     /// What the radio's transmitter needs from its orders to the first symbol, in nanoseconds.
-    pub start_up_ns: u32,
+    pub transmitter_ns: u32,
+    /// What the radio's receiver needs until it hears, in nanoseconds.
+    pub receiver_ns: u32,
     /// What is left for anything unforeseen, in nanoseconds.
     pub guard_ns: u32,
 }
 
-/// A reply time and what it is made of.
+/// The time from one frame to the next, from marker to marker, and what it is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Reply {
+pub struct Turn {
     /// The rest of the received frame, behind its marker.
     pub rest: Ticks,
     /// Interrupt.
@@ -58,15 +62,15 @@ pub struct Reply {
     pub bus: Ticks,
     /// The processor's part of the same.
     pub cpu: Ticks,
-    /// The transmitter's start-up.
+    /// The radio's own start, of its transmitter or its receiver.
     pub start_up: Ticks,
     /// Left for anything unforeseen.
     pub guard: Ticks,
-    /// Preamble and start-of-frame delimiter of the answer.
+    /// Preamble and start-of-frame delimiter of the second frame.
     pub preamble: Ticks,
 }
 
-impl Reply {
+impl Turn {
     /// From marker to marker.
     pub const fn total(&self) -> Ticks {
         Ticks::new(self.rest.get() + self.silence().get() + self.preamble.get())
@@ -87,15 +91,31 @@ impl Reply {
 impl Budget {
     /// The shortest time in which a frame of `received` bytes can be answered by one of `sent` bytes, frame check
     /// sequences not counted.
-    pub const fn reply(&self, profile: &PhyProfile, received: usize, sent: usize) -> Reply {
-        Reply {
+    pub const fn reply(&self, profile: &PhyProfile, received: usize, sent: usize) -> Turn {
+        self.turn(profile, received, &self.answer, sent, self.transmitter_ns)
+    }
+
+    /// The shortest time in which a frame of `received` bytes can be followed by another that is to be received too.
+    pub const fn slot(&self, profile: &PhyProfile, received: usize) -> Turn {
+        self.turn(profile, received, &self.listen, 0, self.receiver_ns)
+    }
+
+    const fn turn(
+        &self,
+        profile: &PhyProfile,
+        received: usize,
+        then: &Work,
+        sent: usize,
+        start_up_ns: u32,
+    ) -> Turn {
+        Turn {
             rest: profile.marker_to_end(received),
             wake: Ticks::from_ns(self.wake_ns as u64),
             bus: Ticks::from_ns(
-                self.bus_ns(&self.take, received as u64) + self.bus_ns(&self.answer, sent as u64),
+                self.bus_ns(&self.take, received as u64) + self.bus_ns(then, sent as u64),
             ),
-            cpu: Ticks::from_ns(self.take.cpu_ns as u64 + self.answer.cpu_ns as u64),
-            start_up: Ticks::from_ns(self.start_up_ns as u64),
+            cpu: Ticks::from_ns(self.take.cpu_ns as u64 + then.cpu_ns as u64),
+            start_up: Ticks::from_ns(start_up_ns as u64),
             guard: Ticks::from_ns(self.guard_ns as u64),
             preamble: profile.preamble_to_marker(),
         }
@@ -133,7 +153,13 @@ mod tests {
             bytes: 15,
             cpu_ns: 20_000,
         },
-        start_up_ns: 10_000,
+        listen: Work {
+            transactions: 2,
+            bytes: 8,
+            cpu_ns: 5_000,
+        },
+        transmitter_ns: 10_000,
+        receiver_ns: 16_000,
         guard_ns: 15_000,
     };
 
@@ -147,6 +173,14 @@ mod tests {
         let frames = PhyProfile::DEFAULT.marker_to_end(12).get()
             + PhyProfile::DEFAULT.preamble_to_marker().get();
         assert_eq!(reply.total().get(), reply.silence().get() + frames);
+    }
+
+    #[test]
+    fn listening_on_takes_less_than_answering() {
+        let slot = BUDGET.slot(&PhyProfile::DEFAULT, 14);
+        // 5 transactions, 20 + 14 + 8 bytes.
+        assert_eq!(slot.bus, Ticks::from_ns(15_000 + 42_000));
+        assert!(slot.total() < BUDGET.reply(&PhyProfile::DEFAULT, 14, 24).total());
     }
 
     proptest! {

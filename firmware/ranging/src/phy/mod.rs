@@ -8,15 +8,17 @@
 //! |---|---|
 //! | `mod.rs` | profiles and which of them the radio can do |
 //! | `air.rs` | how long a frame and its parts are on the air |
+//! | `bias.rs` | how receive power bends ranges |
 //! | `budget.rs` | how soon a frame can be answered |
 //!
 //! Sections and tables are those of the DW1000 user manual, version 2.18.
 
 mod air;
+mod bias;
 mod budget;
 
 pub use air::AirTime;
-pub use budget::{Budget, Reply, Work};
+pub use budget::{Budget, Turn, Work};
 
 use core::fmt;
 

@@ -144,14 +144,14 @@ pub const SETTINGS: [Description; 10] = [
         setting: Setting::TxAntennaDelay,
         name: "antenna_delay.tx_ticks",
         kind: ANTENNA_DELAY,
-        default: Fallback::Board("as built: 16456"),
+        default: Fallback::Board("the factory's; 16456 if it left none"),
         meaning: "from the radio's clock edge to the antenna",
     },
     Description {
         setting: Setting::RxAntennaDelay,
         name: "antenna_delay.rx_ticks",
         kind: ANTENNA_DELAY,
-        default: Fallback::Board("as built: 16456"),
+        default: Fallback::Board("the factory's; 16456 if it left none"),
         meaning: "from the antenna to the radio's clock edge",
     },
     Description {
@@ -162,7 +162,7 @@ pub const SETTINGS: [Description; 10] = [
             most: 30_000,
             unit: "us",
         },
-        default: Fallback::Value(Value::Number(600)),
+        default: Fallback::Board("computed from mode, bus and processor"),
         meaning: "from a frame to its answer",
     },
     Description {

@@ -7,7 +7,7 @@ use crate::node_address::hex;
 use crate::{interrupt, sim_node};
 use anyhow::Result;
 use nova_hal_sim::{BoardConfig, BoardId, ClockConfig, Motion, SimConfig, SimTime, Simulation};
-use nova_node::NodeConfig;
+use nova_node::{AntennaDelay, NodeConfig};
 use nova_node::ranging::Address;
 use nova_wire::Role;
 use outlet::Outlet;
@@ -267,6 +267,8 @@ impl Simulate {
             Role::Anchor => NodeConfig::anchor(address),
             Role::Tag => NodeConfig::tag(address),
         };
+        // What the node takes its antenna for, as nobody has told it better.
+        let told = AntennaDelay::UNCALIBRATED;
         let board = BoardConfig {
             name: hex(address.0),
             clock: ClockConfig {
@@ -276,8 +278,8 @@ impl Simulate {
                 drift_ppm_per_s: rng.random_range(-0.01..0.01),
             },
             motion: placed.motion(),
-            tx_antenna_delay_ticks: f64::from(node.antenna_delay.tx_ticks) + tx_error_ticks,
-            rx_antenna_delay_ticks: f64::from(node.antenna_delay.rx_ticks) + rx_error_ticks,
+            tx_antenna_delay_ticks: f64::from(told.tx_ticks) + tx_error_ticks,
+            rx_antenna_delay_ticks: f64::from(told.rx_ticks) + rx_error_ticks,
             rx_noise_ps: self.range_noise_ps,
             ..BoardConfig::default()
         };

@@ -1,0 +1,104 @@
+//! What the factory wrote into the radio is used: crystal trim, transmit power, antenna delay.
+#![allow(clippy::unwrap_used)]
+
+use nova_hal_sim::chip::OtpConfig;
+use nova_hal_sim::{BoardConfig, ClockConfig, Motion, SimConfig};
+use nova_node::ranging::Address;
+use nova_node::{NodeConfig, Part, Sharing};
+use nova_tests::Network;
+use nova_wire::Range;
+
+const DISTANCE_M: f64 = 6.0;
+
+/// Ranges of an anchor to a tag, both boards as `board` makes them.
+fn ranges(board: impl Fn(&str) -> BoardConfig) -> Vec<Range> {
+    let mut network = Network::new(SimConfig::default());
+    let mut anchor = NodeConfig::anchor(Address(1));
+    anchor.part = Part::Initiator {
+        period_us: 10_000,
+        per_round: 1,
+        peers: [Address(2)].into_iter().collect(),
+        sharing: Sharing::Elect,
+    };
+    let at = |x: f64| Motion::fixed([x, 0.0, 0.0]);
+    let a = BoardConfig {
+        motion: at(0.0),
+        ..board("anchor")
+    };
+    let b = BoardConfig {
+        motion: at(DISTANCE_M),
+        ..board("tag")
+    };
+    let a = network.add(a, anchor).unwrap();
+    network.add(b, NodeConfig::tag(Address(2))).unwrap();
+    network.run_until_s(0.5).unwrap();
+    let ranges = network.log(a).unwrap().ranges.clone();
+    assert!(ranges.len() > 40);
+    ranges
+}
+
+fn mean(ranges: &[Range], of: impl Fn(&Range) -> f64) -> f64 {
+    ranges.iter().map(of).sum::<f64>() / ranges.len() as f64
+}
+
+#[test]
+fn the_antenna_delay_of_the_factory_makes_ranges_right() {
+    let with = |otp_ticks: u16| {
+        ranges(|_| BoardConfig {
+            tx_antenna_delay_ticks: 16_200.0,
+            rx_antenna_delay_ticks: 16_200.0,
+            otp: OtpConfig {
+                antenna_delay_prf64: otp_ticks,
+                ..OtpConfig::default()
+            },
+            ..BoardConfig::default()
+        })
+    };
+    let error = |ranges: &[Range]| mean(ranges, |r| f64::from(r.raw_m)) - DISTANCE_M;
+    assert!(error(&with(16_200)).abs() < 0.005);
+    // Never written: the uncalibrated figure, 256 ticks too long at four places, half of which counts.
+    let uncalibrated = -2.0 * 256.0 * 0.004_690;
+    assert!((error(&with(0)) - uncalibrated).abs() < 0.01);
+    assert!((error(&with(0xFFFF)) - uncalibrated).abs() < 0.01);
+}
+
+#[test]
+fn the_transmit_power_of_the_factory_is_used() {
+    let level = |word: u32| {
+        let mut tx_power = [0; 12];
+        // Channel 5, 64 MHz.
+        tx_power[9] = word;
+        let ranges = ranges(|_| BoardConfig {
+            otp: OtpConfig {
+                tx_power,
+                ..OtpConfig::default()
+            },
+            ..BoardConfig::default()
+        });
+        mean(&ranges, |r| f64::from(r.quality.unwrap().rx_power_dbm))
+    };
+    // Frames of 0.125 to 0.25 ms are sent with the third octet: one coarse step, 2.5 dB, less.
+    let difference = level(0) - level(0x2565_6585);
+    assert!((difference - 2.5).abs() < 0.2, "{difference} dB");
+}
+
+#[test]
+fn the_crystal_is_trimmed_as_the_factory_says() {
+    let offset = |trim: u8| {
+        let ranges = ranges(|name| BoardConfig {
+            clock: ClockConfig {
+                ppm: if name == "tag" { 6.0 } else { 0.0 },
+                ..ClockConfig::default()
+            },
+            otp: OtpConfig {
+                xtal_trim: if name == "tag" { trim } else { 0x10 },
+                ..OtpConfig::default()
+            },
+            ..BoardConfig::default()
+        });
+        mean(&ranges, |r| f64::from(r.clock_offset_ppm))
+    };
+    // Four steps of 1.5 ppm, and a crystal that was never trimmed.
+    assert!(offset(0x14).abs() < 0.1);
+    assert!((offset(0) - 6.0).abs() < 0.1);
+}
