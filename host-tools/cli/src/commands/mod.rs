@@ -1,5 +1,6 @@
 //! The subcommands.
 
+mod airtime;
 mod calibrate;
 mod config;
 mod decode;
@@ -43,6 +44,7 @@ enum Command {
     Simulate(simulate::Simulate),
     Calibrate(calibrate::Calibrate),
     Filter(filter::Filter),
+    Airtime(airtime::Airtime),
 }
 
 /// Exit code where the input is at fault; the same that clap uses for arguments.
@@ -74,6 +76,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Simulate(command) => command.run(),
         Command::Calibrate(command) => command.run(),
         Command::Filter(command) => command.run(),
+        Command::Airtime(command) => command.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
