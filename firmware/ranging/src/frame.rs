@@ -13,7 +13,7 @@
 //! | 10 | message | 1 poll, 2 response, 3 final, 4 report, 5 beacon, 6 join |
 //! | 11 | round | the same in all frames of one round |
 //! | 12.. | body | by message |
-//! | last 2 | check | CRC-16/DNP of all bytes before |
+//! | last 2 | check | CRC-16/IBM-3740 of all bytes before |
 //!
 //! The frame check sequence behind it belongs to the radio. It covers the air; the
 //! check covers what the radio's does not, the way over SPI on either side.
@@ -84,7 +84,9 @@ pub const MAX_FRAME_LEN: usize = len::beacon(MAX_SLOTS);
 /// An encoded frame, without the radio's frame check sequence.
 pub type FrameBuffer = heapless::Vec<u8, MAX_FRAME_LEN>;
 
-const CHECK: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_DNP);
+/// Notices any three wrong bits in a frame of any length that the radio has. Polynomials that notice five in a short
+/// frame do not: CRC-16/DNP lets pairs of wrong bits 151 bits apart pass.
+const CHECK: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
 /// One frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -577,8 +579,34 @@ mod tests {
     }
 
     #[test]
-    fn the_check_is_crc_16_dnp() {
-        assert_eq!(CHECK.checksum(b"123456789"), 0xEA82);
+    fn the_check_is_crc_16_ibm_3740() {
+        assert_eq!(CHECK.checksum(b"123456789"), 0x29B1);
+    }
+
+    /// All errors of three bits and fewer, in a frame of the longest kind. A check sequence is linear: what single
+    /// wrong bits do to it adds up, and errors are missed whose sum is nothing.
+    #[test]
+    fn no_three_wrong_bits_cancel_each_other() {
+        let mut none = [0_u8; MAX_FRAME_LEN - CHECK_LEN];
+        let right = CHECK.checksum(&none);
+        let mut syndromes: std::vec::Vec<u16> = (0..16).map(|bit| 1 << bit).collect();
+        for bit in 0..8 * none.len() {
+            none[bit / 8] ^= 1 << (bit % 8);
+            syndromes.push(CHECK.checksum(&none) ^ right);
+            none[bit / 8] ^= 1 << (bit % 8);
+        }
+        let mut known = std::vec![false; 1 << 16];
+        known[0] = true;
+        for (place, &first) in syndromes.iter().enumerate() {
+            assert!(
+                !known[usize::from(first)],
+                "bit {place} alone or with another"
+            );
+            for &second in &syndromes[..place] {
+                assert!(!known[usize::from(first ^ second)], "bit {place} with two");
+            }
+            known[usize::from(first)] = true;
+        }
     }
 
     #[test]
