@@ -3,14 +3,15 @@
 use crate::cost::DWM1001;
 use crate::peers::MAX_PEERS;
 use nova_ranging::exchange::Identity;
+use nova_ranging::filter::SettingsError;
 use nova_ranging::frame::len;
 use nova_ranging::phy::{Budget, PhyError};
 use nova_ranging::superframe::Sharing;
-use nova_ranging::{Address, MAX_RESPONDERS, PanId, PhyProfile, Ticks, Timing};
+use nova_ranging::{Address, FilterSettings, MAX_RESPONDERS, PanId, PhyProfile, Ticks, Timing};
 use nova_wire::{ResetCause, Role, SettingsSource};
 
 /// A node's configuration.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct NodeConfig {
     /// Network and address.
     pub identity: Identity,
@@ -26,6 +27,8 @@ pub struct NodeConfig {
     /// microseconds. Computed if `None`: the shortest that mode, bus and processor
     /// allow (docs/air-time.md).
     pub reply_us: Option<u32>,
+    /// How ranges are filtered.
+    pub filter: FilterSettings,
     /// What answering costs on this board.
     pub budget: Budget,
     /// Firmware version, for the host.
@@ -110,11 +113,13 @@ impl From<AntennaDelay> for SetAntennaDelay {
 }
 
 /// A setting that cannot work.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ConfigError {
     /// The mode of the radio does not exist.
     Phy(PhyError),
+    /// The range filter cannot work like this.
+    Filter(SettingsError),
     /// A reply time that cannot work: the answer's preamble would have to begin
     /// before the frame to be answered is over, or the radio's own time-out of 67 ms
     /// would not reach to the end of the answer. All in microseconds.
@@ -132,6 +137,7 @@ impl core::fmt::Display for ConfigError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Phy(error) => error.fmt(f),
+            Self::Filter(error) => error.fmt(f),
             Self::ReplyTime { us, least, most } => write!(
                 f,
                 "a reply time of {us} us is not between {least} and {most} us"
@@ -186,6 +192,7 @@ impl NodeConfig {
             },
             phy: PhyProfile::DEFAULT,
             reply_us: None,
+            filter: FilterSettings::DEFAULT,
             budget: DWM1001,
             firmware: [0, 1, 0],
             reset_cause: ResetCause::PowerOn,
@@ -199,6 +206,7 @@ impl NodeConfig {
     /// The first that cannot.
     pub fn check(&self) -> Result<(), ConfigError> {
         self.phy.check().map_err(ConfigError::Phy)?;
+        self.filter.check().map_err(ConfigError::Filter)?;
         let us = self.reply_us();
         let least = self.frames_us();
         let most = Self::MAX_REPLY_US;

@@ -12,8 +12,8 @@ use embedded_hal::digital::OutputPin;
 use nova_ranging::superframe::{Random, Superframe, Turn};
 use nova_ranging::tof::SPEED_OF_LIGHT_AIR_M_PER_S;
 use nova_ranging::{
-    Address, Command, DeviceTime, Event, Failure, FilterSettings, Frame, FrameError, Ignored,
-    Initiator, MAX_RESPONDERS, Measurement, Message, Outcome, Responder, Step, Then, Ticks, Timing,
+    Address, Command, DeviceTime, Event, Failure, Frame, FrameError, Ignored, Initiator,
+    MAX_RESPONDERS, Measurement, Message, Outcome, Responder, Step, Then, Ticks, Timing,
 };
 use nova_wire::{
     Boot, Counters, Overheard, OverheardInterval, Range, RangeFlags, Record, SettingsSource, Status,
@@ -189,11 +189,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 )),
                 ..Counters::default()
             },
+            judge: Judge::new(&config.phy, config.filter),
             config,
             doing: Doing::Down { retry_us: 0 },
             timing,
             receptions: [Reception::default(); MAX_RESPONDERS],
-            judge: Judge::new(&timing.profile, FilterSettings::DEFAULT),
             next_status_us: 0,
             next_check_us: 0,
             heard_us: 0,
@@ -216,7 +216,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         }
         self.timing = config.timing(config.antenna_delay.or(AntennaDelay::UNCALIBRATED));
         self.playing = Playing::by(&config, self.timing);
-        self.judge = Judge::new(&self.timing.profile, FilterSettings::DEFAULT);
+        self.judge = Judge::new(&config.phy, config.filter);
         self.radio.set_up_as(config.phy, config.antenna_delay);
         self.config = config;
         self.doing = Doing::Down { retry_us: now_us };

@@ -617,7 +617,13 @@ mod tests {
             frame_len: 21,
             ..Spy::default()
         };
-        let mut radio = Radio::new(spy, Nothing, Nothing, PhyProfile::DEFAULT, SetAntennaDelay::default());
+        let mut radio = Radio::new(
+            spy,
+            Nothing,
+            Nothing,
+            PhyProfile::DEFAULT,
+            SetAntennaDelay::default(),
+        );
         let mut buffer = EMPTY_RX_BUFFER;
         let event = radio.poll(&mut buffer);
         assert!(matches!(

@@ -4,9 +4,10 @@
 
 use crate::config::{AntennaDelay, ConfigError, NodeConfig, Part, SetAntennaDelay};
 use nova_ranging::exchange::Identity;
+use nova_ranging::phy::{Bitrate, Channel, PhyError, Preamble, Prf};
 use nova_ranging::superframe::Sharing;
-use nova_ranging::{Address, PanId};
-use nova_wire::settings::Fallback;
+use nova_ranging::{Address, FilterSettings, PanId, PhyProfile};
+use nova_wire::settings::{Addresses, Fallback};
 use nova_wire::{Refusal, Setting, SettingValue, Settings, Value};
 
 /// Numbers of [`Setting::Part`].
@@ -56,12 +57,35 @@ pub(crate) fn configuration(board: &NodeConfig, settings: &Settings) -> NodeConf
             _ => Part::Responder,
         },
         antenna_delay: SetAntennaDelay {
-            tx_ticks: set(Setting::TxAntennaDelay).map(cut).or(board.antenna_delay.tx_ticks),
-            rx_ticks: set(Setting::RxAntennaDelay).map(cut).or(board.antenna_delay.rx_ticks),
+            tx_ticks: set(Setting::TxAntennaDelay)
+                .map(cut)
+                .or(board.antenna_delay.tx_ticks),
+            rx_ticks: set(Setting::RxAntennaDelay)
+                .map(cut)
+                .or(board.antenna_delay.rx_ticks),
         },
         reply_us: set(Setting::ReplyUs).or(board.reply_us),
+        phy: profile(&in_force).unwrap_or(board.phy),
+        filter: FilterSettings {
+            sigma_m: number(Setting::FilterSigma) as f32 / 1e3,
+            nlos_sigma_m: number(Setting::FilterNlosSigma) as f32 / 1e3,
+            agility_m2_per_s3: number(Setting::FilterAgility) as f32 / 1e4,
+            max_speed_m_per_s: number(Setting::FilterMaxSpeed) as f32 / 1e3,
+            ..board.filter
+        },
         ..board.clone()
     }
+}
+
+/// Mode of the radio. There is one for each number that the list allows.
+fn profile(in_force: &InForce<'_>) -> Result<PhyProfile, PhyError> {
+    let number = |setting| in_force.number(setting);
+    Ok(PhyProfile {
+        channel: Channel::try_from(number(Setting::PhyChannel) as u8)?,
+        bitrate: Bitrate::try_from(number(Setting::PhyBitrate))?,
+        prf: Prf::try_from(number(Setting::PhyPrf) as u8)?,
+        preamble: Preamble::try_from(number(Setting::PhyPreamble) as u16)?,
+    })
 }
 
 /// All settings as the node works by them. `radio`: the antenna delays that the radio was told.
@@ -91,6 +115,15 @@ pub(crate) fn refusal(error: &ConfigError) -> Refusal {
             setting: Setting::ReplyUs.number(),
             least,
             most,
+        },
+        // Each is allowed for itself, or the list would have refused it.
+        ConfigError::Phy(_) => Refusal::Conflict {
+            setting: Setting::PhyPreamble.number(),
+            with: Setting::PhyBitrate.number(),
+        },
+        ConfigError::Filter(_) => Refusal::Conflict {
+            setting: Setting::FilterNlosSigma.number(),
+            with: Setting::FilterSigma.number(),
         },
     }
 }
@@ -124,38 +157,74 @@ impl InForce<'_> {
         }
     }
 
-    /// What the setting is when nobody has set it.
+    /// What the setting is when nobody has set it: what the board brings; what the list says where the board
+    /// has no such thing, as a responder has no period.
     fn default(&self, setting: Setting) -> Value {
-        if let Fallback::Value(value) = setting.description().default {
-            return value;
-        }
         let board = self.board;
-        Value::Number(match setting {
-            Setting::Address => board.identity.address.0.into(),
-            Setting::Part => match board.part {
+        let listed = match setting.description().default {
+            Fallback::Value(value) => value,
+            Fallback::Board(_) => Value::Number(0),
+        };
+        let polling = match &board.part {
+            Part::Initiator {
+                period_us,
+                per_round,
+                peers,
+                sharing,
+            } => Some((*period_us, *per_round, peers, *sharing)),
+            Part::Responder | Part::Listener => None,
+        };
+        let filter = &board.filter;
+        let delays = board.antenna_delay.or(self.radio);
+        let number = match (setting, polling) {
+            (Setting::Address, _) => board.identity.address.0.into(),
+            (Setting::Pan, _) => board.identity.pan.0.into(),
+            (Setting::Part, _) => match board.part {
                 Part::Responder => RESPONDER,
                 Part::Initiator { .. } => INITIATOR,
                 Part::Listener => LISTENER,
             },
-            Setting::TxAntennaDelay => board.antenna_delay.or(self.radio).tx_ticks.into(),
-            Setting::RxAntennaDelay => board.antenna_delay.or(self.radio).rx_ticks.into(),
-            Setting::ReplyUs => configuration(board, self.settings).reply_us(),
-            // Their defaults stand in the list.
-            Setting::Pan
-            | Setting::Peers
-            | Setting::PeriodUs
-            | Setting::PerRound
-            | Setting::Sharing => 0,
-        })
+            (Setting::Peers, Some((_, _, peers, _))) => {
+                let list: heapless::Vec<u16, { crate::MAX_PEERS }> =
+                    peers.iter().map(|peer| peer.0).collect();
+                return Addresses::new(&list).map_or(listed, Value::Addresses);
+            }
+            (Setting::PeriodUs, Some((period_us, ..))) => period_us,
+            (Setting::PerRound, Some((_, per_round, ..))) => per_round.into(),
+            (Setting::Sharing, Some((.., sharing))) => (SHARING.iter())
+                .zip(0_u32..)
+                .find(|&(known, _)| *known == sharing)
+                .map_or(0, |(_, number)| number),
+            (Setting::Peers | Setting::PeriodUs | Setting::PerRound | Setting::Sharing, None) => {
+                return listed;
+            }
+            (Setting::TxAntennaDelay, _) => delays.tx_ticks.into(),
+            (Setting::RxAntennaDelay, _) => delays.rx_ticks.into(),
+            (Setting::ReplyUs, _) => configuration(board, self.settings).reply_us(),
+            (Setting::PhyChannel, _) => board.phy.channel.number().into(),
+            (Setting::PhyBitrate, _) => board.phy.bitrate.kbps(),
+            (Setting::PhyPrf, _) => board.phy.prf.mhz().into(),
+            (Setting::PhyPreamble, _) => board.phy.preamble.symbols().into(),
+            (Setting::FilterSigma, _) => whole(filter.sigma_m, 1e3),
+            (Setting::FilterNlosSigma, _) => whole(filter.nlos_sigma_m, 1e3),
+            (Setting::FilterAgility, _) => whole(filter.agility_m2_per_s3, 1e4),
+            (Setting::FilterMaxSpeed, _) => whole(filter.max_speed_m_per_s, 1e3),
+        };
+        Value::Number(number)
     }
+}
+
+/// How many of the setting's units, of which there are `per_unit` in one of SI.
+fn whole(value: f32, per_unit: f32) -> u32 {
+    // A conversion saturates.
+    (value * per_unit + 0.5) as u32
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nova_ranging::PhyProfile;
     use nova_wire::Change;
-    use nova_wire::settings::{Addresses, Kind, MAX_ADDRESSES, SETTINGS};
+    use nova_wire::settings::{Kind, MAX_ADDRESSES, SETTINGS};
 
     const RADIO: AntennaDelay = AntennaDelay::UNCALIBRATED;
 
@@ -172,6 +241,41 @@ mod tests {
         for board in boards() {
             assert_eq!(configuration(&board, &Settings::new()), board);
         }
+    }
+
+    #[test]
+    fn the_defaults_in_the_list_are_those_that_boards_bring() {
+        for board in boards() {
+            for value in in_force(&board, &Settings::new(), RADIO) {
+                let setting = Setting::from_number(value.setting).unwrap();
+                assert!(!value.set);
+                assert_eq!(setting.check(&value.value), Ok(()));
+                if let Fallback::Value(listed) = setting.description().default {
+                    assert_eq!(value.value, listed, "{}", setting.description().name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_board_brings_beside_the_usual_stays_unless_it_is_set() {
+        let peers = [Address(3), Address(4)].into_iter().collect();
+        let board = NodeConfig {
+            identity: Identity {
+                pan: PanId(7),
+                address: Address(9),
+            },
+            part: Part::Initiator {
+                period_us: 2_500,
+                per_round: 2,
+                peers,
+                sharing: Sharing::Polite,
+            },
+            phy: PhyProfile::LONG_RANGE,
+            reply_us: Some(9_000),
+            ..NodeConfig::anchor(Address(9))
+        };
+        assert_eq!(configuration(&board, &Settings::new()), board);
     }
 
     #[test]
@@ -197,6 +301,66 @@ mod tests {
     }
 
     #[test]
+    fn every_number_in_the_list_is_a_mode_of_the_radio_and_every_mode_is_in_the_list() {
+        for phy in PhyProfile::all() {
+            let mut settings = Settings::new();
+            for (setting, number) in [
+                (Setting::PhyChannel, phy.channel.number().into()),
+                (Setting::PhyBitrate, phy.bitrate.kbps()),
+                (Setting::PhyPrf, phy.prf.mhz().into()),
+                (Setting::PhyPreamble, phy.preamble.symbols().into()),
+            ] {
+                let change = Change {
+                    setting: setting.number(),
+                    value: Some(Value::Number(number)),
+                };
+                settings.change(&change).unwrap();
+            }
+            let board = NodeConfig::tag(Address(1));
+            assert_eq!(configuration(&board, &settings).phy, phy);
+        }
+        let numbers = |setting: Setting| match setting.description().kind {
+            Kind::OneOf { numbers, .. } => numbers.len(),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(numbers(Setting::PhyChannel), Channel::ALL.len());
+        assert_eq!(numbers(Setting::PhyBitrate), Bitrate::ALL.len());
+        assert_eq!(numbers(Setting::PhyPrf), Prf::ALL.len());
+        assert_eq!(numbers(Setting::PhyPreamble), Preamble::ALL.len());
+    }
+
+    #[test]
+    fn settings_of_the_filter_that_the_list_allows_work_unless_they_contradict_each_other() {
+        let check = |values: [u32; 4]| {
+            let mut settings = Settings::new();
+            let places = [
+                Setting::FilterSigma,
+                Setting::FilterNlosSigma,
+                Setting::FilterAgility,
+                Setting::FilterMaxSpeed,
+            ];
+            for (setting, value) in places.into_iter().zip(values) {
+                let change = Change {
+                    setting: setting.number(),
+                    value: Some(Value::Number(value)),
+                };
+                settings.change(&change).unwrap();
+            }
+            let config = configuration(&NodeConfig::anchor(Address(1)), &settings);
+            config.check().map_err(|error| refusal(&error))
+        };
+        assert_eq!(check([1, 1, 1, 100]), Ok(()));
+        assert_eq!(check([10_000, 100_000, 100_000_000, 1_000_000]), Ok(()));
+        assert_eq!(
+            check([50, 49, 10_000, 15_000]),
+            Err(Refusal::Conflict {
+                setting: 15,
+                with: 14
+            })
+        );
+    }
+
+    #[test]
     fn every_setting_comes_back_as_it_was_set_and_changes_the_configuration() {
         for board in boards() {
             for description in SETTINGS {
@@ -209,6 +373,9 @@ mod tests {
                 .value(setting);
                 let value = match old {
                     Value::Number(number) => match description.kind {
+                        Kind::OneOf { numbers, .. } => {
+                            Value::Number(*numbers.iter().find(|&&n| n != number).unwrap())
+                        }
                         Kind::Word(words) => Value::Number((number + 1) % words.len() as u32),
                         _ => Value::Number(number + 1),
                     },

@@ -37,6 +37,7 @@ fn a_command_that_sets_everything_to_its_longest_value_fits_a_frame() {
         let value = match description.kind {
             Kind::Number { most, .. } => Value::Number(most),
             Kind::Identifier { most, .. } => Value::Number(most.into()),
+            Kind::OneOf { numbers, .. } => Value::Number(*numbers.last().unwrap()),
             Kind::Word(words) => Value::Number(words.len() as u32 - 1),
             Kind::Addresses { .. } => {
                 Value::Addresses(Addresses::new(&[0xFFFD; MAX_ADDRESSES]).unwrap())
@@ -148,6 +149,10 @@ fn row(description: &nova_wire::settings::Description) -> String {
     let what = match description.kind {
         Kind::Number { least, most, unit } => format!("{least} to {most} {unit}"),
         Kind::Identifier { least, most } => format!("0x{least:04X} to 0x{most:04X}"),
+        Kind::OneOf { numbers, unit } => {
+            let numbers: Vec<String> = numbers.iter().map(u32::to_string).collect();
+            format!("{} {unit}", numbers.join(", "))
+        }
         Kind::Word(words) => (0..)
             .zip(words)
             .map(|(place, word)| format!("{place} {word}"))

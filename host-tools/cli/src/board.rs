@@ -188,6 +188,12 @@ pub(crate) fn allowed(description: &Description) -> String {
             format!("{least} to {most} {unit}").trim_end().to_owned()
         }
         Kind::Identifier { least, most } => format!("0x{least:04X} to 0x{most:04X}"),
+        Kind::OneOf { numbers, unit } => {
+            let numbers: Vec<String> = numbers.iter().map(u32::to_string).collect();
+            format!("{} {unit}", numbers.join(" or "))
+                .trim_end()
+                .to_owned()
+        }
         Kind::Word(words) => words.join(" or "),
         Kind::Addresses { most } => format!("up to {most} addresses, as [0x0A1B, 0x0102]"),
     }

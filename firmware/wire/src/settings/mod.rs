@@ -104,6 +104,9 @@ impl Setting {
             (Kind::Identifier { least, most }, Value::Number(number)) => {
                 self.within(least.into(), most.into(), *number)
             }
+            (Kind::OneOf { numbers, .. }, Value::Number(number)) => (numbers.contains(number))
+                .then_some(())
+                .ok_or(Refusal::NotOffered { setting }),
             (Kind::Word(words), Value::Number(number)) => {
                 let known = usize::try_from(*number).is_ok_and(|place| place < words.len());
                 known.then_some(()).ok_or(Refusal::NotOffered { setting })
@@ -179,6 +182,18 @@ mod tests {
                             setting: setting.number()
                         })
                     );
+                    continue;
+                }
+                Kind::OneOf { numbers, .. } => {
+                    for &number in numbers {
+                        assert_eq!(setting.check(&Value::Number(number)), Ok(()));
+                        for other in [number - 1, number + 1] {
+                            assert_eq!(
+                                setting.check(&Value::Number(other)).is_ok(),
+                                numbers.contains(&other)
+                            );
+                        }
+                    }
                     continue;
                 }
                 Kind::Addresses { .. } => continue,

@@ -30,6 +30,22 @@ pub enum Setting {
     PerRound = 8,
     /// How an initiator shares the air with others.
     Sharing = 9,
+    /// The radio's channel.
+    PhyChannel = 10,
+    /// The radio's rate.
+    PhyBitrate = 11,
+    /// The radio's pulse repetition frequency.
+    PhyPrf = 12,
+    /// The length of the radio's preambles.
+    PhyPreamble = 13,
+    /// What a raw range is off by, along the line of sight.
+    FilterSigma = 14,
+    /// The same where the line of sight is likely blocked.
+    FilterNlosSigma = 15,
+    /// How restless ranges are.
+    FilterAgility = 16,
+    /// How fast peers move at most.
+    FilterMaxSpeed = 17,
 }
 
 /// How many settings there are.
@@ -69,6 +85,13 @@ pub enum Kind {
         /// The most that is allowed.
         most: u16,
     },
+    /// One of some numbers.
+    OneOf {
+        /// Which, in rising order.
+        numbers: &'static [u32],
+        /// What they count; empty for mere numbers.
+        unit: &'static str,
+    },
     /// One of some words; its value is its place among them.
     Word(&'static [&'static str]),
     /// Up to so many addresses of nodes.
@@ -92,7 +115,7 @@ pub enum Fallback {
 pub const NODE_ADDRESSES: core::ops::RangeInclusive<u16> = 1..=0xFFFD;
 
 /// All settings, in the order of their numbers.
-pub const SETTINGS: [Description; 10] = [
+pub const SETTINGS: [Description; 18] = [
     Description {
         setting: Setting::Address,
         name: "address",
@@ -158,7 +181,7 @@ pub const SETTINGS: [Description; 10] = [
         setting: Setting::ReplyUs,
         name: "reply_us",
         kind: Kind::Number {
-            least: 200,
+            least: 129,
             most: 30_000,
             unit: "us",
         },
@@ -182,6 +205,90 @@ pub const SETTINGS: [Description; 10] = [
         kind: Kind::Word(&["free", "polite", "elect", "coordinate"]),
         default: Fallback::Value(Value::Number(2)),
         meaning: "how an initiator shares the air with others",
+    },
+    Description {
+        setting: Setting::PhyChannel,
+        name: "phy.channel",
+        kind: Kind::OneOf {
+            numbers: &[1, 2, 3, 4, 5, 7],
+            unit: "",
+        },
+        default: Fallback::Value(Value::Number(5)),
+        meaning: "the radio's channel; all of phy is the same on all nodes of a network",
+    },
+    Description {
+        setting: Setting::PhyBitrate,
+        name: "phy.bitrate_kbps",
+        kind: Kind::OneOf {
+            numbers: &[110, 850, 6_800],
+            unit: "kbit/s",
+        },
+        default: Fallback::Value(Value::Number(6_800)),
+        meaning: "the radio's rate; the slower the farther",
+    },
+    Description {
+        setting: Setting::PhyPrf,
+        name: "phy.prf_mhz",
+        kind: Kind::OneOf {
+            numbers: &[16, 64],
+            unit: "MHz",
+        },
+        default: Fallback::Value(Value::Number(64)),
+        meaning: "the radio's pulse repetition frequency",
+    },
+    Description {
+        setting: Setting::PhyPreamble,
+        name: "phy.preamble_symbols",
+        kind: Kind::OneOf {
+            numbers: &[64, 128, 256, 512, 1_024, 1_536, 2_048, 4_096],
+            unit: "symbols",
+        },
+        default: Fallback::Value(Value::Number(128)),
+        meaning: "the radio's preamble; 110 kbit/s takes 1024 or more, 850 128 to 1024, 6800 up to 1024",
+    },
+    Description {
+        setting: Setting::FilterSigma,
+        name: "filter.sigma_mm",
+        kind: Kind::Number {
+            least: 1,
+            most: 10_000,
+            unit: "mm",
+        },
+        default: Fallback::Value(Value::Number(50)),
+        meaning: "standard deviation of a raw range along the line of sight",
+    },
+    Description {
+        setting: Setting::FilterNlosSigma,
+        name: "filter.nlos_sigma_mm",
+        kind: Kind::Number {
+            least: 1,
+            most: 100_000,
+            unit: "mm",
+        },
+        default: Fallback::Value(Value::Number(300)),
+        meaning: "the same where it is likely blocked; not below that",
+    },
+    Description {
+        setting: Setting::FilterAgility,
+        name: "filter.agility_cm2_per_s3",
+        kind: Kind::Number {
+            least: 1,
+            most: 100_000_000,
+            unit: "cm^2/s^3",
+        },
+        default: Fallback::Value(Value::Number(10_000)),
+        meaning: "how restless ranges are: spectral density of their acceleration",
+    },
+    Description {
+        setting: Setting::FilterMaxSpeed,
+        name: "filter.max_speed_mm_per_s",
+        kind: Kind::Number {
+            least: 100,
+            most: 1_000_000,
+            unit: "mm/s",
+        },
+        default: Fallback::Value(Value::Number(15_000)),
+        meaning: "no peer moves faster",
     },
 ];
 

@@ -71,7 +71,9 @@ fn wrong(description: &Description, value: &str) -> anyhow::Error {
 fn parsed(description: &Description, value: &toml::Value) -> Option<Value> {
     let number = |value: &toml::Value| value.as_integer().and_then(|n| u32::try_from(n).ok());
     match description.kind {
-        Kind::Number { .. } | Kind::Identifier { .. } => number(value).map(Value::Number),
+        Kind::Number { .. } | Kind::Identifier { .. } | Kind::OneOf { .. } => {
+            number(value).map(Value::Number)
+        }
         Kind::Word(words) => {
             let place = words.iter().position(|word| value.as_str() == Some(word))?;
             u32::try_from(place).ok().map(Value::Number)
@@ -162,6 +164,7 @@ mod tests {
                 "period_us: 1.5 is not allowed; 1000 to 60000000 us",
             ),
             ("part=boss", "responder or initiator"),
+            ("phy.channel=6", "1 or 2 or 3 or 4 or 5 or 7"),
             ("peers=1,2,3,4,5,6,7,8,9", "up to 8 addresses"),
             ("peers=0", "must lie between 0x0001 and 0xFFFD"),
             ("peers=65536", "up to 8 addresses"),
@@ -185,6 +188,7 @@ mod tests {
                 Value::Addresses(Addresses::new(&[1, 0xFFFD]).unwrap()),
             ),
             ("reply_us", Value::Number(700)),
+            ("phy.bitrate_kbps", Value::Number(850)),
         ] {
             let shown = shown(named(name).unwrap(), &value);
             let again = change(&format!("{name}={shown}")).unwrap();
