@@ -499,9 +499,19 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 
     /// Takes note of a frame that is not for this node's own round.
     fn note(&mut self, bytes: &[u8], at: DeviceTime, now_us: u64) -> Result<(), RadioError> {
-        let at_us = now_us.saturating_sub(self.age_us(at)?);
+        if !matches!(self.playing, Playing::Initiator(_)) {
+            return Ok(());
+        }
+        let frame = Frame::parse(bytes);
+        let at_us = match &frame {
+            // To ask the radio for the time takes a while.
+            Ok(frame) if Superframe::heeds(&frame.message) => {
+                now_us.saturating_sub(self.age_us(at)?)
+            }
+            _ => now_us,
+        };
         if let Playing::Initiator(polling) = &mut self.playing {
-            match Frame::parse(bytes) {
+            match frame {
                 Ok(frame) => polling.air.on_frame(&frame, at_us),
                 Err(_) => polling.air.on_noise(now_us),
             }

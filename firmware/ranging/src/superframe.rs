@@ -229,6 +229,14 @@ impl Superframe {
         }
     }
 
+    /// Whether it matters that, and when, such a frame was heard. The others of a round follow from its poll.
+    pub fn heeds(message: &Message) -> bool {
+        matches!(
+            message,
+            Message::Poll(_) | Message::Beacon(_) | Message::Join { .. }
+        )
+    }
+
     /// A frame that is not for this node's own round was heard at `at_us`.
     pub fn on_frame(&mut self, frame: &Frame, at_us: u64) {
         if let Message::Poll(poll) = &frame.message {
