@@ -42,7 +42,8 @@ fn the_carrier_tells_the_same_clock_offset_as_the_time_stamps_on_both_sides() {
             for range in &log.ranges {
                 let carrier = range.quality.unwrap().carrier_offset_ppm;
                 let off = (carrier - range.clock_offset_ppm).abs();
-                assert!(off < 0.01, "{ppm:?}: {carrier} {}", range.clock_offset_ppm);
+                // A stamp's tick in the round of a millisecond is 0.015 ppm.
+                assert!(off < 0.02, "{ppm:?}: {carrier} {}", range.clock_offset_ppm);
             }
         }
     }

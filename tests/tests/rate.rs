@@ -73,7 +73,8 @@ fn one_pair_ranges_400_times_a_second() {
     assert!(rate >= 396.0, "{rate} a second");
     assert!(worst_error_m(&anchor) < 0.005);
     for counters in [anchor.counters, tag.counters] {
-        assert_eq!(counters.send_too_late, 0);
+        // Once a second a node looks whether its radio is still set up: a frame may come then.
+        assert!(f64::from(counters.send_too_late) <= SECONDS);
         assert_eq!(counters.radio_resets, 0);
         assert_eq!(counters.records_dropped, 0);
     }
