@@ -88,7 +88,8 @@ impl<F: NorFlash> Keeper<F> {
                 Some(CommandEvent::Record {
                     sequence, record, ..
                 }) => {
-                    if self.on_command(sequence, &record, node, now_us, emit) == Then::Reboot {
+                    let wanted = self.on_command(sequence, &record, node, now_us, emit);
+                    if wanted == Then::Reboot {
                         then = Then::Reboot;
                     }
                 }
