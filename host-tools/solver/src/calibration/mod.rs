@@ -17,7 +17,7 @@
 //!            k            sigma_k                  i      s_i
 //! ```
 //!
-//! `r_k` is the robust mean of one pair's ranges ([`pair`]), taken less their bias where a table of
+//! `r_k` is the robust mean of one pair's ranges (`pair`), taken less their bias where a table of
 //! it is at hand ([`RangeBias`]); `sigma_k` holds their noise, the
 //! distance's error, and what does not average out. `s_i` is how far a node may be off before it is
 //! calibrated. It hardly counts where the ranges tell, and says how little they tell where not:
