@@ -161,6 +161,12 @@ fn three_boards_wrong_antenna_delays_are_found_and_corrected() {
             "0",
             "--systematic-sigma",
             "0.001",
+            "--delays",
+            "1=16456,16456",
+            "--delays",
+            "2=16456,16456",
+            "--delays",
+            "3=16456,16456",
         ],
         &places(&boards),
     );
@@ -256,19 +262,11 @@ fn two_boards_get_half_each_and_are_told_what_that_means() {
 fn delays_in_force_are_those_that_the_board_tells_unless_the_user_knows_better() {
     let nova = Nova::new();
     let boards = boards();
-    let mut stream = streams(&boards[..2], 0, 3).remove(0);
-    let mut encoder = Encoder::new();
-    for (setting, ticks) in [
-        (Setting::TxAntennaDelay, 16_500),
-        (Setting::RxAntennaDelay, 16_400),
-    ] {
-        let told = Record::Setting(SettingValue {
-            setting: setting.number(),
-            value: Value::Number(ticks),
-            set: true,
-        });
-        stream.extend(encoder.encode(&told, &mut [0; MAX_FRAME_LEN]).unwrap());
-    }
+    let told = AntennaDelay {
+        tx_ticks: 16_500,
+        rx_ticks: 16_400,
+    };
+    let stream = telling(streams(&boards[..2], 0, 3).remove(0), told);
     nova.file("anchor.bin", &stream);
     let was = |more: &[&str]| {
         let arguments = [&["anchor.bin", "--json", "--distance", "1-2=5"], more].concat();
@@ -282,6 +280,78 @@ fn delays_in_force_are_those_that_the_board_tells_unless_the_user_knows_better()
     };
     assert_eq!(was(&[]), [16_500.0, 16_400.0]);
     assert_eq!(was(&["--delays", "1=16000,17000"]), [16_000.0, 17_000.0]);
+}
+
+/// A stream that holds the board's delays, as those have that were recorded with `nova listen`.
+fn telling(mut stream: Vec<u8>, told: AntennaDelay) -> Vec<u8> {
+    let mut encoder = Encoder::new();
+    for (setting, ticks) in [
+        (Setting::TxAntennaDelay, told.tx_ticks),
+        (Setting::RxAntennaDelay, told.rx_ticks),
+    ] {
+        let record = Record::Setting(SettingValue {
+            setting: setting.number(),
+            value: Value::Number(ticks.into()),
+            set: false,
+        });
+        stream.extend(encoder.encode(&record, &mut [0; MAX_FRAME_LEN]).unwrap());
+    }
+    stream
+}
+
+#[test]
+fn files_start_from_the_delays_that_boards_worked_by_and_not_from_a_guess() {
+    let nova = Nova::new();
+    let mut boards = boards();
+    let told = AntennaDelay {
+        tx_ticks: 16_400,
+        rx_ticks: 16_400,
+    };
+    boards.iter_mut().for_each(|board| board.told = told);
+    let streams = streams(&boards[..2], 0, 3);
+    let names = ["0x0001", "0x0002"];
+    for (name, stream) in names.iter().zip(streams) {
+        nova.file(&format!("{name}-silent.bin"), &stream)
+            .file(&format!("{name}.bin"), telling(stream, told));
+    }
+    let run = |files: [&str; 2], more: &[&str]| {
+        let arguments = [&files[..], &["--json", "--distance", "1-2=5"], more].concat();
+        calibrate(&nova, &arguments, &[])
+    };
+    for (files, node) in [
+        (["0x0001-silent.bin", "0x0002.bin"], "0x0001"),
+        (["0x0001.bin", "0x0002-silent.bin"], "0x0002"),
+    ] {
+        let said = run(files, &["--out", "guessed"]);
+        assert_eq!((said.code, said.out.as_str()), (2, ""), "{}", said.err);
+        assert!(
+            said.err.contains(node) && said.err.contains("--delays"),
+            "{}",
+            said.err
+        );
+        assert!(!nova.folder.path().join("guessed").exists());
+    }
+    let silent = ["0x0001-silent.bin", "0x0002-silent.bin"];
+    let by_hand = ["--delays", "1=16400,16400", "--delays", "2=16400,16400"];
+    let by_hand = [&by_hand[..], &["--out", "given"]].concat();
+    result(&run(["0x0001.bin", "0x0002.bin"], &["--out", "told"]));
+    result(&run(silent, &by_hand));
+    // Two boards: the sum of all four delays is what is found.
+    let truth: f64 = boards[..2].iter().flat_map(|board| board.true_ticks).sum();
+    for folder in ["told", "given"] {
+        let mut sum = 0.0;
+        for name in names {
+            let file = nova.folder.path().join(folder).join(format!("{name}.toml"));
+            let file: toml::Table = std::fs::read_to_string(file).unwrap().parse().unwrap();
+            for name in ["tx_ticks", "rx_ticks"] {
+                sum += file["antenna_delay"][name].as_integer().unwrap() as f64;
+            }
+        }
+        assert!(
+            (sum - truth).abs() < 4.0,
+            "{folder}: {sum}, in truth {truth}"
+        );
+    }
 }
 
 #[test]

@@ -8,6 +8,9 @@ use common::Nova;
 use nova_hal_sim::{BoardConfig, Motion, SimConfig, SimTime, Simulation};
 use nova_node::NodeConfig;
 use nova_node::ranging::Address;
+use nova_wire::{
+    CommandDecoder, CommandEvent, Encoder, MAX_FRAME_LEN, Record, Setting, SettingValue,
+};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -175,6 +178,45 @@ fn standard_input_is_heard_to_its_end_and_recorded() {
     assert!(kept == stream, "{} bytes of {}", kept.len(), stream.len());
 }
 
+/// Reads until a board at this end has been asked for its settings.
+fn asked_for_settings(host: &mut impl Read) {
+    let mut decoder = CommandDecoder::new();
+    let mut byte = [0; 1];
+    loop {
+        host.read_exact(&mut byte).unwrap();
+        if let Some(CommandEvent::Record { record, .. }) = decoder.push(byte[0])
+            && record == nova_wire::Command::Get
+        {
+            return;
+        }
+    }
+}
+
+#[test]
+fn a_board_is_asked_for_its_settings_so_that_the_recording_holds_what_it_answers() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let place = format!("tcp://{}", listener.local_addr().unwrap());
+    let nova = Nova::new();
+    let mut sent = stream();
+    let server = std::thread::spawn(move || {
+        let (mut board, _) = listener.accept().unwrap();
+        asked_for_settings(&mut board);
+        let told = Record::Setting(SettingValue {
+            setting: Setting::TxAntennaDelay.number(),
+            value: nova_wire::Value::Number(16_400),
+            set: false,
+        });
+        let mut frame = [0; MAX_FRAME_LEN];
+        sent.extend(Encoder::new().encode(&told, &mut frame).unwrap());
+        board.write_all(&sent).unwrap();
+        sent
+    });
+    nova.run(&["listen", &place, "--no-reconnect", "--record", "kept.bin"]);
+    let sent = server.join().unwrap();
+    let kept = std::fs::read(nova.folder.path().join("kept.bin")).unwrap();
+    assert!(kept == sent, "{} bytes of {}", kept.len(), sent.len());
+}
+
 #[test]
 fn a_server_that_comes_back_is_heard_again_and_every_byte_is_recorded() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -197,6 +239,8 @@ fn a_server_that_comes_back_is_heard_again_and_every_byte_is_recorded() {
     };
     {
         let (mut board, _) = listener.accept().unwrap();
+        // What is left unread when it goes would take the last bytes with it.
+        asked_for_settings(&mut board);
         board.write_all(first).unwrap();
         wait_for("m to 0x0002");
     }

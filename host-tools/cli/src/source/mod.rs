@@ -18,6 +18,7 @@ pub(crate) use place::Place;
 
 use crate::error::bad_input;
 use anyhow::{Context, Result};
+use nova_wire::{Command, Encoder, MAX_FRAME_LEN};
 use serialport::SerialPort;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
@@ -178,6 +179,20 @@ impl Source {
         };
         sent.map_err(|error| anyhow::anyhow!("{error}"))
             .with_context(|| format!("{place}: sending failed"))
+    }
+
+    /// Asks a live board who it is and for its settings, its antenna delays among them. The answers come
+    /// in its stream; a board that cannot be asked is heard without them.
+    pub(crate) fn ask_for_settings(&mut self) {
+        if !self.place.is_live() {
+            return;
+        }
+        for command in [Command::Status, Command::Get] {
+            if let Ok(bytes) = Encoder::new().encode(&command, &mut [0; MAX_FRAME_LEN]) {
+                // Standard input leads to no board.
+                let _ = self.send(bytes);
+            }
+        }
     }
 }
 

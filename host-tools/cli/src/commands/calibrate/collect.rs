@@ -6,9 +6,7 @@ use crate::interrupt;
 use crate::screen::spinner;
 use crate::source::{PATIENCE, Place, Source};
 use anyhow::Result;
-use nova_wire::{
-    Command, Decoder, Encoder, Event, MAX_FRAME_LEN, Record, Setting, SettingValue, Value,
-};
+use nova_wire::{Decoder, Event, Record, Setting, SettingValue, Value};
 use std::collections::BTreeMap;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
@@ -163,7 +161,7 @@ pub(super) fn collect(
         let place = Place::named(name, baud)?;
         live |= place.is_live();
         let mut source = Source::open(place)?;
-        ask_for_settings(&mut source);
+        source.ask_for_settings();
         collected.heard.push(Heard {
             name: source.place().to_string(),
             bytes: 0,
@@ -221,18 +219,4 @@ fn take(arrival: Arrival, streams: &mut [Stream], into: &mut Collected) -> Resul
         heard.has_address = stream.address.is_some();
     }
     Ok(())
-}
-
-/// Asks a live board for its settings, its antenna delays among them. One that cannot be asked has
-/// those that the user says, or the usual ones.
-fn ask_for_settings(source: &mut Source) {
-    if !source.place().is_live() {
-        return;
-    }
-    for command in [Command::Status, Command::Get] {
-        if let Ok(bytes) = Encoder::new().encode(&command, &mut [0; MAX_FRAME_LEN]) {
-            // Standard input leads to no board.
-            let _ = source.send(bytes);
-        }
-    }
 }

@@ -38,12 +38,13 @@ use survey::{GivenDistance, GivenPosition, Link, Placement};
 ///   sources = ["two/0x0002.bin"]
 ///   positions = { "2" = [0, 0, 1.5], "3" = [4, 0, 1.5] }
 ///
-/// --out writes a file for each node, for `nova config import`. docs/calibration.md goes through it
+/// --out writes a file for each node, for `nova config import`. It must know the delays that each node
+/// works by: from its port, its recording by `nova listen --record`, or --delays. docs/calibration.md goes through it
 /// step by step.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   nova calibrate /dev/ttyACM0 --distance 0x0A1B-0x0102=5.000
-  nova calibrate a.bin b.bin --distance 1-2=5 --distance 1-3=5 --distance 2-3=5 --out delays
+  nova calibrate a.bin b.bin c.bin --distance 1-2=5 --distance 1-3=5 --distance 2-3=5 --out delays
   nova calibrate *.bin --at 1=0,0,1.5 --at 2=5,0,1.5 --at 3=2,4,1.5 --json
   nova calibrate --survey survey.toml --known 1
   nova calibrate a.bin --distance 1-2=5 --delays 1=16480,16480")]
@@ -63,8 +64,8 @@ pub(crate) struct Calibrate {
     /// A node that was calibrated before: it stays within so many metres (one sigma; 0.01 if left out).
     #[arg(long = "known", value_name = "NODE[=M]")]
     known: Vec<KnownNode>,
-    /// Antenna delays that a node worked by when the ranges were taken, if its stream does not tell
-    /// and they were not 16456 each.
+    /// Antenna delays that a node worked by when the ranges were taken, if its stream does not tell.
+    /// Without --out they count as 16456 each if nobody does.
     #[arg(long = "delays", value_name = "NODE=TX,RX")]
     delays: Vec<GivenDelays>,
     /// Standard deviation of the distances, metres.
@@ -221,8 +222,8 @@ impl Calibrate {
         let measured = measured(&placements, &collected, bias.as_ref())?;
         let addresses = addresses(&measured);
         let nodes: Vec<(u16, Delays)> = (addresses.iter())
-            .map(|&address| (address, self.delays_of(address, &collected)))
-            .collect();
+            .map(|&address| Ok((address, self.delays_of(address, &collected)?)))
+            .collect::<Result<_>>()?;
         let report = self.solve(&nodes, measured)?;
         let written = match &self.out {
             Some(folder) => report.write_files(folder)?,
@@ -267,13 +268,26 @@ impl Calibrate {
     }
 
     /// What a node worked by: as the user says, as it says itself, or as it is built.
-    fn delays_of(&self, address: u16, collected: &[Collected]) -> Delays {
+    ///
+    /// # Errors
+    /// Nobody says, and files are to be written: delays that start from a guess would set a board wrong
+    /// that has others, from its factory or an earlier calibration.
+    fn delays_of(&self, address: u16, collected: &[Collected]) -> Result<Delays> {
         let given = self.delays.iter().find(|given| given.node == address);
         let told = collected.iter().find_map(|one| one.delays.get(&address));
+        let node = hex(address);
         match (given, told) {
-            (Some(given), _) => given.delays,
-            (None, Some(told)) => *told,
-            (None, None) => UNCALIBRATED,
+            (Some(given), _) => Ok(given.delays),
+            (None, Some(told)) => Ok(*told),
+            (None, None) if self.out.is_some() => Err(bad_input!(
+                "{node}: its antenna delays when the ranges were taken are not known, so --out cannot \
+                 write new ones: say them with --delays {node}=TX,RX (`nova config get` shows them), \
+                 or add its port or a recording that holds its settings, as `nova listen --record` makes"
+            )),
+            (None, None) => {
+                eprintln!("{node}: does not tell its antenna delays; taken for 16456 each");
+                Ok(UNCALIBRATED)
+            }
         }
     }
 

@@ -51,7 +51,8 @@ pub(crate) struct Listen {
     /// Serial ports, servers, recordings, or `-` for standard input.
     #[arg(value_name = "PORT|tcp://HOST:PORT|FILE|-", required = true)]
     sources: Vec<String>,
-    /// Also keep the raw stream, byte for byte, in a new file; of one source.
+    /// Also keep the raw stream, byte for byte, in a new file; of one source. A live board is asked for
+    /// its settings at the start, so that the recording holds them.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// One JSON object a record.
@@ -97,10 +98,14 @@ impl Listen {
         let places = (self.sources.iter())
             .map(|name| Place::named(name, self.baud))
             .collect::<Result<Vec<_>>>()?;
-        let sources = (places.iter())
+        let mut sources = (places.iter())
             .map(|place| Source::open(place.clone()).map(|source| self.retrying(source)))
             .collect::<Result<Vec<_>>>()?;
         let recording = self.record.as_deref().map(Recording::begin).transpose()?;
+        if recording.is_some() {
+            // A recording that holds the antenna delays is one that `nova calibrate` can start from.
+            sources.iter_mut().for_each(Source::ask_for_settings);
+        }
         interrupt::catch()?;
         let mut session = Session {
             model: Model::new(places.iter().map(Place::to_string)),
