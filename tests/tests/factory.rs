@@ -43,19 +43,20 @@ fn mean(ranges: &[Range], of: impl Fn(&Range) -> f64) -> f64 {
 
 #[test]
 fn the_antenna_delay_of_the_factory_makes_ranges_right() {
-    let with = |otp_ticks: u16| {
+    let with = |total_ticks: u16| {
         ranges(|_| BoardConfig {
             tx_antenna_delay_ticks: 16_200.0,
             rx_antenna_delay_ticks: 16_200.0,
             otp: OtpConfig {
-                antenna_delay_prf64: otp_ticks,
+                antenna_delay_prf64: total_ticks,
                 ..OtpConfig::default()
             },
             ..BoardConfig::default()
         })
     };
     let error = |ranges: &[Range]| mean(ranges, |r| f64::from(r.raw_m)) - DISTANCE_M;
-    assert!(error(&with(16_200)).abs() < 0.005);
+    assert!(error(&with(32_400)).abs() < 0.005);
+    assert!(error(&with(32_401)).abs() < 0.005);
     // Never written: the uncalibrated figure, 256 ticks too long at four places, half of which counts.
     let uncalibrated = -2.0 * 256.0 * 0.004_690;
     assert!((error(&with(0)) - uncalibrated).abs() < 0.01);

@@ -23,10 +23,11 @@ const DEVICE_ID: u32 = 0xDECA_0130;
 const MID_RANGE_TRIM: u8 = 0x10;
 
 /// Antenna delays in the factory's memory: for 16 MHz in the low half, for 64 MHz in the high one (6.3.1, table 10).
+/// Each is the sum of both directions: the vendor's code gives either half of it.
 const OTP_ANTENNA_DELAY: u16 = 0x01C;
 
-/// Antenna delays that a board can have: 100 to 500 ns. Empty memory, and other uses of it, are outside.
-const PLAUSIBLE_DELAY: core::ops::RangeInclusive<u16> = 6_400..=32_000;
+/// Sums of both antenna delays that a board can have: 200 to 1000 ns. Empty memory, and other uses of it, are outside.
+const PLAUSIBLE_TOTAL: core::ops::RangeInclusive<u16> = 12_800..=64_000;
 
 /// CHAN_CTRL (7.2.32).
 const WRITE_CHAN_CTRL: u8 = 0x80 | 0x1F;
@@ -111,20 +112,20 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         self.write_raw(&[register, sub, 0x60 | trim])?;
         let PhyProfile { channel, prf, .. } = self.profile;
         let tx_power = self.read_otp(phy::power_address(channel, prf))?;
-        let delays = self.read_otp(OTP_ANTENNA_DELAY)?;
-        let delay = match prf {
-            Prf::Mhz16 => delays as u16,
-            Prf::Mhz64 => (delays >> 16) as u16,
+        let totals = self.read_otp(OTP_ANTENNA_DELAY)?;
+        let total = match prf {
+            Prf::Mhz16 => totals as u16,
+            Prf::Mhz64 => (totals >> 16) as u16,
         };
         ll!(self.ll().otp_ctrl().write(|w| w.ldeload(1)))?;
         self.delay.delay_us(150);
         ll!(self.ll().pmsc_ctrl0().write(|w| w.raw_value(0xF030_0200)))?;
         Ok(Factory {
             tx_power: written(tx_power).unwrap_or(0),
-            // One figure for either direction.
-            antenna_delay: PLAUSIBLE_DELAY.contains(&delay).then_some(AntennaDelay {
-                tx_ticks: delay,
-                rx_ticks: delay,
+            // An odd tick goes to one of the directions, so that the sum stays.
+            antenna_delay: PLAUSIBLE_TOTAL.contains(&total).then_some(AntennaDelay {
+                tx_ticks: total / 2,
+                rx_ticks: total - total / 2,
             }),
         })
     }

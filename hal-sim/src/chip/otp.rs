@@ -14,9 +14,9 @@ pub struct OtpConfig {
     /// Transmit power words, for each of the channels 1 to 5 and 7 at PRF 16 and then 64 MHz (0x010 to 0x01B); 0 is not
     /// programmed.
     pub tx_power: [u32; 12],
-    /// Antenna delay in ticks at PRF 16 MHz (0x01C, low half).
+    /// Antenna delays of sending and receiving together, in ticks at PRF 16 MHz (0x01C, low half).
     pub antenna_delay_prf16: u16,
-    /// Antenna delay in ticks at PRF 64 MHz (0x01C, high half).
+    /// Antenna delays of sending and receiving together, in ticks at PRF 64 MHz (0x01C, high half).
     pub antenna_delay_prf64: u16,
     /// Crystal trim, 5 bits (0x01E, low byte); 0 is not programmed.
     pub xtal_trim: u8,
@@ -32,8 +32,8 @@ impl Default for OtpConfig {
             part_id: 0x1010_0000,
             lot_id: 0x1000_0000,
             tx_power: [0; 12],
-            antenna_delay_prf16: 16_456,
-            antenna_delay_prf64: 16_456,
+            antenna_delay_prf16: 32_912,
+            antenna_delay_prf64: 32_912,
             xtal_trim: 0x10,
             revision: 1,
         }
