@@ -41,6 +41,8 @@ use survey::{GivenDistance, GivenPosition, Link, Placement};
 /// --out writes a file for each node, for `nova config import`. It must know the delays that each node
 /// works by: from its port, its recording by `nova listen --record`, or --delays. docs/calibration.md goes through it
 /// step by step.
+// A TOML table's name in the help is no link.
+#[allow(rustdoc::broken_intra_doc_links)]
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   nova calibrate /dev/ttyACM0 --distance 0x0A1B-0x0102=5.000
