@@ -50,7 +50,7 @@ pub enum Part {
     Initiator {
         /// From the start of one round to the start of the next, in microseconds.
         period_us: u32,
-        /// Most peers in one round, 1 to [`MAX_RESPONDERS`](nova_ranging::MAX_RESPONDERS).
+        /// Most peers in one round, 1 to [`MAX_RESPONDERS`].
         per_round: u8,
         /// Whom to poll, in turn; whoever is there if empty.
         peers: heapless::Vec<Address, MAX_PEERS>,
