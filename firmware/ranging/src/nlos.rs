@@ -45,9 +45,6 @@ const LEAST_RANGE_M: f32 = 0.3;
 /// Power of a transmitter at the legal limit: -41.3 dBm/MHz over 500 MHz.
 const LIMIT_DBM: f32 = -14.3;
 
-/// Above this level the radio's power figures read low (user manual 4.7.2, figure 22).
-const KNEE_DBM: f32 = -88.0;
-
 /// From this probability on a range is taken for one without line of sight.
 pub const LIKELY: f32 = 0.5;
 
@@ -57,8 +54,8 @@ pub const LIKELY: f32 = 0.5;
 pub struct NlosRule {
     /// Receive power at 1 m in free space, in dBm.
     at_1_m_dbm: f32,
-    /// How much a dB above [`KNEE_DBM`] is worth on top of itself.
-    stretch: f32,
+    /// By which the radio's power figures are understood.
+    prf: Prf,
 }
 
 /// What the rule looks at.
@@ -83,14 +80,9 @@ impl NlosRule {
             Channel::Ch3 => 45.50,
             Channel::Ch5 | Channel::Ch7 => 48.70,
         };
-        // Figure 22, as the open drivers approximate it.
-        let stretch = match prf {
-            Prf::Mhz16 => 2.3334,
-            Prf::Mhz64 => 1.1667,
-        };
         Self {
             at_1_m_dbm: LIMIT_DBM - loss_db,
-            stretch,
+            prf,
         }
     }
 
@@ -116,7 +108,7 @@ impl NlosRule {
         if !finite {
             return None;
         }
-        let level_dbm = rx_power_dbm + (rx_power_dbm - KNEE_DBM).max(0.0) * self.stretch;
+        let level_dbm = self.prf.true_level_dbm(rx_power_dbm);
         let expected_dbm = self.at_1_m_dbm - 20.0 * F32Ext::log10(range_m.max(LEAST_RANGE_M));
         Some((
             (rx_power_dbm - first_path_power_dbm).clamp(0.0, MOST_SPREAD_DB),

@@ -46,13 +46,15 @@ impl PhyProfile {
         let (above, below) = (f32::from(entry(index)), f32::from(entry(index + 1)));
         (above + (below - above) * (place - index as f32)) * 1e-3
     }
+}
 
+impl Prf {
     /// The true receive level in dBm for one that the radio estimates: its formula reads low above -88 dBm (user
-    /// manual, section 4.7.2, figure 22; the usual straight-line fit to it).
-    pub fn true_level_dbm(&self, estimated_dbm: f32) -> f32 {
-        let slope = match self.prf {
-            Prf::Mhz16 => 2.33,
-            Prf::Mhz64 => 1.17,
+    /// manual, section 4.7.2, figure 22, as the open drivers approximate it).
+    pub fn true_level_dbm(self, estimated_dbm: f32) -> f32 {
+        let slope = match self {
+            Self::Mhz16 => 2.3334,
+            Self::Mhz64 => 1.1667,
         };
         estimated_dbm + (estimated_dbm + 88.0).max(0.0) * slope
     }
