@@ -7,5 +7,5 @@ pub mod soak;
 
 pub mod fuzz;
 
-pub use network::{BoardLog, Network, NetworkError};
+pub use network::{BoardLog, Network, NetworkError, anchor_polling, board_at};
 pub use scenario::{Action, Board, BoardRole, Expectation, FrameFault, Link, Scenario};

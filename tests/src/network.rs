@@ -1,8 +1,11 @@
 //! A network of simulated boards.
 
 use nova_cli::sim_node;
-use nova_hal_sim::{BoardConfig, BoardId, SimConfig, SimError, SimTime, Simulation};
-use nova_node::{ConfigError, NodeConfig};
+use nova_hal_sim::{
+    BoardConfig, BoardId, ClockConfig, Motion, SimConfig, SimError, SimTime, Simulation,
+};
+use nova_node::ranging::Address;
+use nova_node::{ConfigError, NodeConfig, Part, Sharing};
 use nova_wire::{
     Counters, Decoder, Event, Overheard, OverheardInterval, Range, Record, Statistics,
 };
@@ -30,6 +33,32 @@ pub struct BoardLog {
     pub counters: Counters,
     /// What the decoder counted.
     pub wire: Statistics,
+}
+
+/// A board at rest `x_m` along the first axis, its crystal so many ppm fast.
+pub fn board_at(name: &str, x_m: f64, ppm: f64) -> BoardConfig {
+    BoardConfig {
+        name: name.to_owned(),
+        clock: ClockConfig {
+            ppm,
+            ..ClockConfig::default()
+        },
+        motion: Motion::fixed([x_m, 0.0, 0.0]),
+        ..BoardConfig::default()
+    }
+}
+
+/// An anchor with address 1 that polls `tag` alone every `period_us`.
+pub fn anchor_polling(tag: Address, period_us: u32) -> NodeConfig {
+    NodeConfig {
+        part: Part::Initiator {
+            period_us,
+            per_round: 1,
+            peers: [tag].into_iter().collect(),
+            sharing: Sharing::Elect,
+        },
+        ..NodeConfig::anchor(Address(1))
+    }
 }
 
 /// A simulated board's code stopped.

@@ -3,9 +3,9 @@
 
 use nova_hal_sim::chip::OtpConfig;
 use nova_hal_sim::{BoardConfig, ClockConfig, Motion, SimConfig};
+use nova_node::NodeConfig;
 use nova_node::ranging::Address;
-use nova_node::{NodeConfig, Part, Sharing};
-use nova_tests::Network;
+use nova_tests::{Network, anchor_polling};
 use nova_wire::Range;
 
 const DISTANCE_M: f64 = 6.0;
@@ -13,13 +13,6 @@ const DISTANCE_M: f64 = 6.0;
 /// Ranges of an anchor to a tag, both boards as `board` makes them.
 fn ranges(board: impl Fn(&str) -> BoardConfig) -> Vec<Range> {
     let mut network = Network::new(SimConfig::default());
-    let mut anchor = NodeConfig::anchor(Address(1));
-    anchor.part = Part::Initiator {
-        period_us: 10_000,
-        per_round: 1,
-        peers: [Address(2)].into_iter().collect(),
-        sharing: Sharing::Elect,
-    };
     let at = |x: f64| Motion::fixed([x, 0.0, 0.0]);
     let a = BoardConfig {
         motion: at(0.0),
@@ -29,7 +22,7 @@ fn ranges(board: impl Fn(&str) -> BoardConfig) -> Vec<Range> {
         motion: at(DISTANCE_M),
         ..board("tag")
     };
-    let a = network.add(a, anchor).unwrap();
+    let a = network.add(a, anchor_polling(Address(2), 10_000)).unwrap();
     network.add(b, NodeConfig::tag(Address(2))).unwrap();
     network.run_until_s(0.5).unwrap();
     let ranges = network.log(a).unwrap().ranges.clone();
@@ -58,6 +51,8 @@ fn the_antenna_delay_of_the_factory_makes_ranges_right() {
     assert!(error(&with(32_400)).abs() < 0.005);
     // A total one tick longer on both boards: 4.7 mm less.
     assert!((error(&with(32_401)) + 2.0 * 0.5 * 0.004_690).abs() < 0.005);
+    let apart_m = error(&with(32_400)) - error(&with(32_401));
+    assert!((apart_m - 0.004_690).abs() < 0.001, "{apart_m}");
     // Never written: the uncalibrated figure, 256 ticks too long at four places, half of which counts.
     let uncalibrated = -2.0 * 256.0 * 0.004_690;
     assert!((error(&with(0)) - uncalibrated).abs() < 0.01);

@@ -1,10 +1,10 @@
 //! What boards report beside the range: how well they heard each other.
 #![allow(clippy::unwrap_used)]
 
-use nova_hal_sim::{BoardConfig, ClockConfig, LinkEffect, Motion, SimConfig};
+use nova_hal_sim::{LinkEffect, SimConfig};
 use nova_node::NodeConfig;
 use nova_node::ranging::Address;
-use nova_tests::{BoardLog, Network};
+use nova_tests::{BoardLog, Network, board_at};
 
 /// What both boards of a pair, 5 m apart, say in 2 s.
 fn pair(ppm: [f64; 2], link: LinkEffect) -> [BoardLog; 2] {
@@ -12,18 +12,12 @@ fn pair(ppm: [f64; 2], link: LinkEffect) -> [BoardLog; 2] {
         seed: 4,
         ..SimConfig::default()
     });
-    let board = |name: &str, x: f64, ppm| BoardConfig {
-        name: name.to_owned(),
-        clock: ClockConfig {
-            ppm,
-            ..ClockConfig::default()
-        },
-        motion: Motion::fixed([x, 0.0, 0.0]),
-        ..BoardConfig::default()
-    };
     let [ppm_a, ppm_b] = ppm;
-    let a = network.add(board("anchor", 0.0, ppm_a), NodeConfig::anchor(Address(1)));
-    let b = network.add(board("tag", 5.0, ppm_b), NodeConfig::tag(Address(2)));
+    let a = network.add(
+        board_at("anchor", 0.0, ppm_a),
+        NodeConfig::anchor(Address(1)),
+    );
+    let b = network.add(board_at("tag", 5.0, ppm_b), NodeConfig::tag(Address(2)));
     let (a, b) = (a.unwrap(), b.unwrap());
     let ids = [a, b].map(|board| network.id(board).unwrap());
     network.sim().set_link_effect(ids[0], ids[1], link);

@@ -2,11 +2,11 @@
 //! (`nova_node::cost`, docs/air-time.md).
 #![allow(clippy::unwrap_used)]
 
-use nova_hal_sim::{BoardConfig, ClockConfig, Motion, SimConfig};
+use nova_hal_sim::SimConfig;
+use nova_node::NodeConfig;
 use nova_node::ranging::Address;
 use nova_node::ranging::phy::PhyProfile;
-use nova_node::{NodeConfig, Part, Sharing};
-use nova_tests::{BoardLog, Network};
+use nova_tests::{BoardLog, Network, anchor_polling, board_at};
 
 const SECONDS: f64 = 4.0;
 /// The radios start, and the first status comes.
@@ -19,31 +19,16 @@ fn pair(phy: PhyProfile, period_us: u32) -> (BoardLog, BoardLog) {
         seed: 5,
         ..SimConfig::default()
     });
-    let board = |name: &str, x: f64, ppm| BoardConfig {
-        name: name.to_owned(),
-        clock: ClockConfig {
-            ppm,
-            ..ClockConfig::default()
-        },
-        motion: Motion::fixed([x, 0.0, 0.0]),
-        ..BoardConfig::default()
-    };
     let anchor = NodeConfig {
         phy,
-        part: Part::Initiator {
-            period_us,
-            per_round: 1,
-            peers: [Address(2)].into_iter().collect(),
-            sharing: Sharing::Elect,
-        },
-        ..NodeConfig::anchor(Address(1))
+        ..anchor_polling(Address(2), period_us)
     };
     let tag = NodeConfig {
         phy,
         ..NodeConfig::tag(Address(2))
     };
-    let a = network.add(board("anchor", 0.0, 12.0), anchor).unwrap();
-    let b = network.add(board("tag", DISTANCE_M, -9.0), tag).unwrap();
+    let a = network.add(board_at("anchor", 0.0, 12.0), anchor).unwrap();
+    let b = network.add(board_at("tag", DISTANCE_M, -9.0), tag).unwrap();
     network.run_until_s(SETTLING_S + SECONDS).unwrap();
     (
         network.log(a).unwrap().clone(),

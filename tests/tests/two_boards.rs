@@ -2,10 +2,10 @@
 //! they report is the distance, and nothing else.
 #![allow(clippy::unwrap_used)]
 
-use nova_hal_sim::{BoardConfig, ChannelConfig, ClockConfig, Motion, SimConfig};
+use nova_hal_sim::{ChannelConfig, SimConfig};
+use nova_node::NodeConfig;
 use nova_node::ranging::Address;
-use nova_node::{NodeConfig, Part, Sharing};
-use nova_tests::{BoardLog, Network};
+use nova_tests::{BoardLog, Network, anchor_polling, board_at};
 
 const EXCHANGES: usize = 10_000;
 
@@ -32,29 +32,19 @@ impl Pair {
                 ..ChannelConfig::default()
             },
         });
-        let board = |name: &str, x: f64, ppm, offset_ticks| BoardConfig {
-            name: name.to_owned(),
-            clock: ClockConfig {
-                offset_ticks,
-                ppm,
-                drift_ppm_per_s: 0.0,
-            },
-            motion: Motion::fixed([x, 0.0, 0.0]),
-            rx_noise_ps: self.rx_noise_ps,
-            ..BoardConfig::default()
+        let board = |name: &str, x_m: f64, ppm, offset_ticks| {
+            let mut board = board_at(name, x_m, ppm);
+            board.clock.offset_ticks = offset_ticks;
+            board.rx_noise_ps = self.rx_noise_ps;
+            board
         };
         let [ppm_a, ppm_b] = self.ppm;
         let period_us = 5_000;
-        let mut anchor = NodeConfig::anchor(Address(1));
-        anchor.part = Part::Initiator {
-            period_us,
-            per_round: 1,
-            peers: [Address(2)].into_iter().collect(),
-            sharing: Sharing::Elect,
-        };
         // Both clocks wrap, at different times, while the test runs.
         let a = board("anchor", 0.0, ppm_a, 1 << 39);
-        let a = network.add(a, anchor).unwrap();
+        let a = network
+            .add(a, anchor_polling(Address(2), period_us))
+            .unwrap();
         let b = board("tag", self.distance_m, ppm_b, 12_345_678);
         network.add(b, NodeConfig::tag(Address(2))).unwrap();
         let duration_s = EXCHANGES as f64 * f64::from(period_us) * 1e-6 + 0.1;

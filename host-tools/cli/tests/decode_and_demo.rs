@@ -80,14 +80,7 @@ fn a_capture_becomes_one_json_line_a_record_and_the_counts() {
 #[test]
 fn the_demonstration_finds_the_tag_and_writes_a_page_that_needs_nothing_else() {
     let nova = Nova::new();
-    let said = nova.run(&[
-        "demo",
-        "--json",
-        "--csv",
-        "flight.csv",
-        "--capture",
-        "anchor.bin",
-    ]);
+    let said = nova.demonstration();
     assert_eq!((said.code, said.err.as_str()), (0, ""));
     let result = &said.json()[0];
     assert_eq!(result["observable"], true);

@@ -163,14 +163,7 @@ fn the_summary_is_a_table_with_the_doubts() {
 #[test]
 fn a_capture_of_the_demonstration_leads_to_its_tag() {
     let nova = Nova::new();
-    let demo = nova.run(&[
-        "demo",
-        "--json",
-        "--csv",
-        "flight.csv",
-        "--capture",
-        "anchor.bin",
-    ]);
+    let demo = nova.demonstration();
     let truth = vector(&demo.json()[0]["tag_m"]);
     let said = nova.run(&[
         "guide",

@@ -61,6 +61,12 @@ impl Nova {
         Said::from(child.wait_with_output().unwrap())
     }
 
+    /// The demonstration, with `flight.csv` and `anchor.bin` written.
+    pub(crate) fn demonstration(&self) -> Said {
+        let files = ["--csv", "flight.csv", "--capture", "anchor.bin"];
+        self.run(&[&["demo", "--json"], &files[..]].concat())
+    }
+
     /// Names of all files in the folder.
     pub(crate) fn files(&self) -> Vec<String> {
         let mut names: Vec<String> = std::fs::read_dir(self.folder.path())
