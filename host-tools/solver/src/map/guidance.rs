@@ -14,7 +14,7 @@
 //! The whole is one field of directions about the tag, asked anew after every range, so there are no
 //! legs to finish and no decisions to regret.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Shape of the flight about the tag.
@@ -33,8 +33,14 @@ const BEND: f64 = 0.4;
 const BEND_FADES_M: f64 = 6.0;
 /// Height at which the helix ends and the vehicle goes to a point above the tag, metres.
 pub(super) const CENTRE_BELOW_M: f64 = 1.2;
-/// Height of that point, metres.
-pub(super) const LAND_FROM_M: f64 = 0.6;
+/// That point, from the tag, metres.
+const ABOVE_M: Vector3<f64> = Vector3::new(0.0, 0.0, 0.6);
+/// Distance from it at which landing begins, metres.
+const CENTRED_M: f64 = 0.08;
+/// Height below which there is nothing left to do but to land, metres.
+const GROUNDED_M: f64 = 0.1;
+/// How far ahead of the vehicle the waypoint lies, metres.
+pub(super) const AHEAD_M: f64 = 3.0;
 /// Steepest and flattest descent of the helix: sine of the angle.
 const STEEPEST: f64 = 0.97;
 const FLATTEST: f64 = 0.12;
@@ -49,17 +55,56 @@ const SURE_SHARE: f64 = 0.25;
 /// Path allowed for closing the horizontal distance, as a multiple of it.
 const REACH: f64 = 1.3;
 
-/// Direction to fly from `offset_m = vehicle - tag`, a unit vector. `sigma_m` is how well the offset
-/// is known horizontally, `path_left_m` what may still be flown.
-/// `spare_m` is how much deeper it may go even if the tag is not where it seems to be: far from the
-/// tag that is used, because going below a phantom disproves it.
-pub(super) fn direction(
-    offset_m: Vector3<f64>,
-    sigma_m: f64,
-    shape: &Shape,
-    path_left_m: f64,
-    spare_m: f64,
-) -> Vector3<f64> {
+/// A flight about the tag as it stands.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Approach {
+    /// From tag to vehicle, metres.
+    pub(super) offset_m: Vector3<f64>,
+    /// How well that is known horizontally: largest standard deviation, metres.
+    pub(super) sigma_m: f64,
+    /// What may still be flown, metres.
+    pub(super) path_left_m: f64,
+    /// How much deeper it may go even if the tag is not where it seems to be, metres: far from the tag
+    /// that is used, because going below a phantom disproves it.
+    pub(super) spare_m: f64,
+    /// Whether it is on its last way down.
+    pub(super) landing: bool,
+}
+
+impl Approach {
+    /// Whether it is time to land.
+    pub(super) fn may_land(&self) -> bool {
+        self.landing || (self.offset_m - ABOVE_M).norm() < CENTRED_M || self.offset_m.z < GROUNDED_M
+    }
+
+    /// Where to go next, from the tag, metres.
+    pub(super) fn waypoint_m(&self, shape: &Shape) -> Vector3<f64> {
+        if self.landing {
+            Vector3::zeros()
+        } else if self.offset_m.z < CENTRE_BELOW_M {
+            ABOVE_M
+        } else {
+            self.offset_m + direction(self, shape) * AHEAD_M
+        }
+    }
+}
+
+/// Largest horizontal standard deviation of a covariance.
+pub(super) fn horizontal_sigma_m(covariance: &Matrix3<f64>) -> f64 {
+    let (xx, xy, yy) = (covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]);
+    let largest = 0.5 * (xx + yy) + (0.5 * (xx - yy)).hypot(xy);
+    largest.max(0.0).sqrt()
+}
+
+/// Direction to fly, a unit vector.
+fn direction(approach: &Approach, shape: &Shape) -> Vector3<f64> {
+    let &Approach {
+        offset_m,
+        sigma_m,
+        path_left_m,
+        spare_m,
+        ..
+    } = approach;
     let inward = -offset_m.xy();
     let distance = inward.norm();
     let height = offset_m.z;

@@ -7,6 +7,7 @@
 
 use super::elimination::{Factor, GLOBAL, JOINT, KNOT};
 use super::hypothesis::{Hypothesis, Prior};
+use super::mixture::Component;
 use super::noise::NoiseModel;
 use super::options::MapOptions;
 use super::record::{Growth, Record};
@@ -22,6 +23,20 @@ const STARTS: usize = 8;
 const LEAST_SHARE: f64 = 0.3;
 /// Cost beyond the best one's at which an explanation is given up: one in 10^5.
 const HOPELESS: f64 = 12.0;
+/// Noises between which the last metres may have to decide: as tuned, gusts, a worse accelerometer.
+const NOISES: [fn(&mut NoiseModel); 6] = [
+    |_| {},
+    |noise| noise.ins.position_random_walk = 0.03,
+    |noise| noise.ins.position_random_walk = 0.1,
+    |noise| noise.ins.velocity_random_walk *= 2.0,
+    |noise| noise.ins.acceleration_random_walk = 0.003,
+    |noise| noise.ins.acceleration_random_walk = 0.01,
+];
+/// Most explanations that are tried with other noises, and that are sliced.
+const MOST_RETUNED: usize = 4;
+const MOST_SLICED: usize = 6;
+/// An explanation that is worse by more than this does not count: one in 10^4.
+const COUNTS: f64 = 9.0;
 /// Tags may seem this much above the lowest place of the flight, metres: barometers drift.
 const HEIGHT_TOLERANCE_M: f64 = 1.0;
 /// Newest stretch for a fresh search, seconds, and how many of its ranges are used.
@@ -94,6 +109,34 @@ impl Hypotheses {
             weights += weight;
         }
         sum / weights
+    }
+
+    /// All explanations at the newest range, under all noises that may be and in slices, weighted by
+    /// their evidence.
+    pub(super) fn components(&self, record: &Record, factors: &mut Vec<Factor>) -> Vec<Component> {
+        let mut explanations: Vec<Hypothesis> = self
+            .alive
+            .iter()
+            .take(MOST_RETUNED)
+            .flat_map(|h| NOISES.map(|noise| h.with_noise(noise, record, factors)))
+            .flatten()
+            .collect();
+        explanations.sort_by(|a, b| a.score().total_cmp(&b.score()));
+        let least = explanations.first().map_or(0.0, Hypothesis::score);
+        explanations.retain(|h| h.score() < least + COUNTS);
+        explanations.truncate(MOST_SLICED);
+        let mut components = Vec::new();
+        for explanation in &explanations {
+            for slice in explanation.slices(record, factors) {
+                components.push(Component {
+                    mean: slice.bound_mean(),
+                    covariance: slice.bound_covariance(),
+                    noise: slice.noise().ins,
+                    weight: (least - slice.score()).exp(),
+                });
+            }
+        }
+        components
     }
 
     /// The runner-up.

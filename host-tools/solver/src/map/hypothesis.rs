@@ -20,7 +20,8 @@ use super::noise::NoiseModel;
 use super::record::{Growth, Record};
 use super::transition::{Transition, propagate};
 use super::tuning::Tuner;
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use crate::bound::{BIAS, Covariance, STATES};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// What is known of the first knot and the globals beforehand: a quadratic about a point.
 #[derive(Debug, Clone, Copy)]
@@ -53,6 +54,21 @@ impl Prior {
             gradient: [0.0; JOINT],
             spent: Spent::default(),
         }
+    }
+
+    /// Looks at the tag through a Gaussian window along a unit vector: about `centre` and as wide as
+    /// `sigma_m`.
+    fn window(&mut self, along: Vector3<f64>, centre: f64, sigma_m: f64) {
+        let information = sigma_m.powi(-2);
+        let at = Vector3::new(self.at[KNOT], self.at[KNOT + 1], self.at[KNOT + 2]);
+        let off = centre - along.dot(&at);
+        for i in 0..3 {
+            for j in 0..3 {
+                self.information[KNOT + i][KNOT + j] += information * along[i] * along[j];
+            }
+            self.gradient[KNOT + i] -= information * off * along[i];
+        }
+        self.spent.cost += 0.5 * information * off * off;
     }
 
     /// Adds itself to the first array; its cost.
@@ -139,6 +155,9 @@ impl Clone for Hypothesis {
 /// Slacks of an approach, metres, and the steps taken with each.
 const SLACKS_M: [f64; 2] = [3.0, 0.4];
 const STEPS_A_SLACK: u32 = 5;
+/// Slices of a posterior: places and width, in standard deviations of it.
+const SLICES: [f64; 7] = [-2.4, -1.6, -0.8, 0.0, 0.8, 1.6, 2.4];
+const SLICE: f64 = 0.8;
 /// How far back a reflection reaches, seconds.
 const REFLECT_S: f64 = 4.0;
 /// A step that promises less than this is not worth taking; the cost counts squared sigmas.
@@ -220,6 +239,32 @@ impl Hypothesis {
         })
     }
 
+    /// Covariance at the newest range in the order of [`crate::bound::Recursion`]: tag plus error of
+    /// dead reckoning, its velocity and acceleration, range bias.
+    pub(super) fn bound_covariance(&self) -> Covariance {
+        let mut pick = SMatrix::<f64, STATES, JOINT>::zeros();
+        for i in 0..KNOT {
+            pick[(i, i)] = 1.0;
+        }
+        for i in 0..3 {
+            pick[(i, KNOT + i)] = 1.0;
+        }
+        pick[(BIAS, JOINT - 1)] = 1.0;
+        pick * self.covariance * pick.transpose()
+    }
+
+    /// The state to which that covariance belongs.
+    pub(super) fn bound_mean(&self) -> SVector<f64, STATES> {
+        let x = self.newest();
+        let mut mean = SVector::<f64, STATES>::zeros();
+        mean.fixed_rows_mut::<KNOT>(0).copy_from_slice(&x);
+        for i in 0..3 {
+            mean[i] += self.globals[i];
+        }
+        mean[BIAS] = self.bias_m();
+        mean
+    }
+
     /// How far another explanation is, metres: the larger of the distances between tags and between
     /// vehicles at the newest range.
     pub(super) fn distance_m(&self, other: &Self) -> f64 {
@@ -291,6 +336,19 @@ impl Hypothesis {
     /// The noise it takes the measurements to have.
     pub(super) fn noise(&self) -> &NoiseModel {
         self.tuner.noise()
+    }
+
+    /// The same measurements explained with another noise.
+    pub(super) fn with_noise(
+        &self,
+        change: fn(&mut NoiseModel),
+        record: &Record,
+        factors: &mut Vec<Factor>,
+    ) -> Option<Self> {
+        let mut other = self.clone();
+        other.tuner = self.tuner.changed(change);
+        other.refine(record, 2 * STEPS_A_SLACK, factors)?;
+        Some(other)
     }
 
     /// Lets the noise follow the evidence by one step.
@@ -415,6 +473,25 @@ impl Hypothesis {
         }
         self.slack_m = 0.0;
         self.refine(record, STEPS_A_SLACK, factors)
+    }
+
+    /// This explanation in slices across the direction in which its tag is least known, each at its
+    /// own minimum: the posterior is a stretch of a ring, and a tangent leaves the ring.
+    pub(super) fn slices(&self, record: &Record, factors: &mut Vec<Factor>) -> Vec<Self> {
+        let covariance: Matrix3<f64> = self.covariance.fixed_view::<3, 3>(KNOT, KNOT).into_owned();
+        let eigen = covariance.symmetric_eigen();
+        let widest = eigen.eigenvalues.imax();
+        let along = eigen.eigenvectors.column(widest).into_owned();
+        let sigma_m = eigen.eigenvalues[widest].max(0.0).sqrt();
+        let middle = along.dot(&self.tag_m());
+        let slice = |place: f64| {
+            let mut slice = self.clone();
+            let off_m = place * sigma_m;
+            slice.prior.window(along, middle + off_m, SLICE * sigma_m);
+            slice.move_tag(self.tag_m() + along * off_m);
+            slice.refine(record, STEPS_A_SLACK, factors).map(|_| slice)
+        };
+        SLICES.into_iter().filter_map(slice).collect()
     }
 
     /// From a start that is nearly right.

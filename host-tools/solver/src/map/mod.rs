@@ -8,12 +8,15 @@
 //!                           │  Hypothesis: tag, range bias, error of dead reckoning at each knot
 //!                           │     sweep: linearise, eliminate along the chain (`elimination`)
 //!                           │     Tuner: noise of dead reckoning that agrees with the evidence
+//!                           ├► Mixture ─── below 15 m: the posterior as it is, for mean and covariance
 //!                           ▼
 //!                       guidance ─── exploration, glide, helix, landing
+//!                           ▲
+//!                       Planner ──── the shape that is expected to tell most (`forecast`)
 //! ```
 //!
 //! Read [`MapNavigator`] first, then `hypothesis.rs` for the equations, `hypotheses.rs` for where
-//! explanations come from, `guidance.rs` for the flight.
+//! explanations come from, `mixture.rs` for the last metres, `guidance.rs` for the flight.
 //!
 //! # Known limit
 //! While the tag's place is still ambiguous, dead reckoning's noise is too: a wrong place with noise
@@ -22,14 +25,17 @@
 //! `docs/nova.md` has the figures.
 
 mod elimination;
+mod forecast;
 mod guidance;
 mod height;
 mod hypotheses;
 mod hypothesis;
 mod likelihood;
+mod mixture;
 mod navigator;
 mod noise;
 mod options;
+mod planner;
 mod record;
 mod roughness;
 mod transition;

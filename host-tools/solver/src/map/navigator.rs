@@ -1,18 +1,22 @@
 //! The navigator: measurements in, the best explanation and a direction out.
 
 use super::elimination::Factor;
-use super::guidance::{self, CENTRE_BELOW_M, LAND_FROM_M, Shape};
+use super::forecast::Forecast;
+use super::guidance::{self, AHEAD_M, Approach, CENTRE_BELOW_M};
 use super::hypotheses::Hypotheses;
 use super::hypothesis::Hypothesis;
+use super::mixture::{Mixture, Moments};
 use super::noise::NoiseModel;
 use super::options::{MapOptions, Plan};
+use super::planner::Planner;
 use super::record::{Observation, Record};
 use super::roughness::Roughness;
+use crate::ins_error::InsNoise;
 use crate::navigation::{
     Action, Command, Doubts, Estimate, FirstGuess, InputFault, InputGate, InsError, InsSample,
     Navigator, Phase, RangeSample,
 };
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// Ranges that are waited for before the search begins.
 const SEARCH_AFTER: usize = 25;
@@ -35,38 +39,30 @@ const STRAIGHT: f64 = 0.15;
 const VAGUE_SHARE: f64 = 0.06;
 /// Not less than this, metres.
 const VAGUE_FROM_M: f64 = 0.7;
-/// Distance from the point above the tag at which landing begins, metres.
-const CENTRED_M: f64 = 0.08;
-/// Height below which there is nothing left to do but to land, metres.
-const GROUNDED_M: f64 = 0.1;
 /// Longest exploration, seconds.
 const EXPLORE_S: f64 = 25.0;
 /// Height above the first guess that is kept while far from the tag, metres.
 const CLEARANCE_M: f64 = 8.0;
-/// How far ahead of the vehicle the waypoint lies, metres.
-const AHEAD_M: f64 = 3.0;
 /// Ranges shorter than this are not used, metres: their direction is as unsure as the place itself,
 /// so a linearised range would tell more than it knows.
 const NEAREST_M: f64 = 0.5;
+/// Height below which the mixture takes over, and above which it is given up, metres.
+const CLOSE_M: f64 = 15.0;
+const NO_LONGER_CLOSE_M: f64 = 25.0;
+/// It begins once the standard deviation is less than this part of the distance: it has no room for a
+/// whole ring of places.
+const COMPACT_SHARE: f64 = 0.15;
+/// The mixture is started anew when it explains the ranges this much worse than the best explanation.
+const LOST: f64 = 15.0;
 /// Height below which every range leads to an update, metres.
 const LOW_M: f64 = 8.0;
-
-/// Mistrust of ranges: at the tag, and growing with distance, 1/m.
-const MISTRUST: f64 = 1.0;
-const MISTRUST_PER_M: f64 = 0.025;
 
 /// Path length over that of flying horizontally and then down, less one.
 fn overhead(plan: Plan) -> f64 {
     match plan {
         Plan::Careful => 0.04,
-        Plan::Fast => -0.18,
+        Plan::Fast => -0.2,
     }
-}
-
-/// Factor on the noise of a range. Ranges from far away err together in ways that no model knows, and
-/// lead astray if there is no doubt about them; near the tag there are better ones.
-fn mistrust(range_m: f64) -> f64 {
-    MISTRUST + MISTRUST_PER_M * range_m.abs()
 }
 
 /// Maximum a posteriori estimation of tag, range bias and dead reckoning's error over the whole
@@ -83,8 +79,13 @@ pub struct MapNavigator {
     range_roughness: Roughness,
     height_roughness: Roughness,
     hypotheses: Hypotheses,
+    mixture: Mixture,
+    /// Score of the best explanation when the mixture began.
+    score_at_start: f64,
+    /// What the mixture says.
+    close: Option<Moments>,
     factors: Vec<Factor>,
-    shape: Shape,
+    planner: Planner,
     command: Command,
     phase: Phase,
     ranges: u64,
@@ -106,12 +107,11 @@ impl MapNavigator {
             range_roughness: Roughness::new(options.noise.range_sigma_m),
             height_roughness: Roughness::new(options.noise.ins.height_sigma_m),
             hypotheses: Hypotheses::new(&options, guess.tag_m, options.most_knots + 2),
+            mixture: Mixture::new(),
+            score_at_start: 0.0,
+            close: None,
             factors: Vec::with_capacity(options.most_knots + 2),
-            shape: Shape {
-                gate_m: 5.0,
-                radius_m: 0.8,
-                side: 1.0,
-            },
+            planner: Planner::new(),
             command: Command {
                 id: 0,
                 action: Action::Hold,
@@ -193,6 +193,43 @@ impl MapNavigator {
         self.doubt();
     }
 
+    /// Hands over to the mixture when the vehicle comes low, and follows it.
+    fn look_closely(&mut self, observation: &Observation) {
+        let Some(best) = self.hypotheses.best() else {
+            return;
+        };
+        let height_m = observation.ins_m.z - best.ins_error().0.z - best.tag_m().z;
+        if self.mixture.is_running() {
+            self.mixture.observe(observation, best.noise());
+            // Both have foretold the same ranges since the mixture began.
+            let evidence = self.score_at_start - best.score();
+            let lost = self.mixture.log_likelihood() < evidence - LOST;
+            if lost || height_m > NO_LONGER_CLOSE_M {
+                self.mixture.stop();
+            }
+        }
+        let known = self
+            .newest()
+            .is_some_and(|newest| newest.t_s == observation.t_s);
+        let young = self
+            .start
+            .is_none_or(|start| observation.t_s - start.t_s < YOUNG_S);
+        let spread = self
+            .hypotheses
+            .relative_covariance()
+            .symmetric_eigenvalues();
+        let compact = spread.max() < (COMPACT_SHARE * observation.range_m).powi(2);
+        let running = self.mixture.is_running();
+        if !running && height_m < CLOSE_M && known && !young && compact {
+            if let Some(record) = &self.record {
+                let components = self.hypotheses.components(record, &mut self.factors);
+                self.mixture.start(components, observation);
+            }
+            self.score_at_start = best.score();
+        }
+        self.close = self.mixture.moments();
+    }
+
     /// Looks for other explanations, often at first and now and then later.
     fn doubt(&mut self) {
         let (Some(record), Some(start)) = (&self.record, self.start) else {
@@ -229,13 +266,10 @@ impl MapNavigator {
             return;
         };
         let (position_m, velocity_m_s) = best.ins_error();
-        let known_s = self
-            .record
-            .as_ref()
-            .and_then(|record| record.observations().last())
-            .map_or(t_s, |o| o.t_s);
+        // By the best explanation, not by the mean of all: a vehicle between two places that the tag
+        // may have learns nothing, one that goes to either does.
         let ins_error = InsError {
-            t_s: known_s,
+            t_s: self.newest().map_or(t_s, |o| o.t_s),
             position_m,
             velocity_m_s,
         };
@@ -245,80 +279,106 @@ impl MapNavigator {
         let to_tag = tag_m - start.position_m;
         let whole_m = (to_tag.xy().norm() + to_tag.z.abs()) * (1.0 + overhead(self.options.plan));
         let left_m = whole_m - self.options.speed_m_s * (t_s - start.t_s);
-        let above = Vector3::new(0.0, 0.0, LAND_FROM_M);
         let vague = self.vague(best);
-        let landing = self.phase == Phase::Landing && offset_m.z < CENTRE_BELOW_M;
-        let land =
-            !vague && (landing || (offset_m - above).norm() < CENTRED_M || offset_m.z < GROUNDED_M);
+        let mut approach = Approach {
+            offset_m,
+            sigma_m: guidance::horizontal_sigma_m(&self.offset_covariance(best)),
+            path_left_m: left_m,
+            spare_m: vehicle_m.z - self.guess.tag_m.z - CLEARANCE_M,
+            landing: self.phase == Phase::Landing && offset_m.z < CENTRE_BELOW_M,
+        };
+        approach.landing = !vague && approach.may_land();
+        let exploring = vague && t_s - start.t_s < EXPLORE_S;
+        if !(exploring || approach.landing) && self.planner.is_due(t_s) {
+            let forecast = self.forecast(best, t_s - start.t_s);
+            self.planner.choose(t_s, &forecast, approach);
+        }
         self.phase = match () {
-            () if land => Phase::Landing,
-            () if offset_m.z < self.shape.gate_m => Phase::Final,
+            () if approach.landing => Phase::Landing,
+            () if offset_m.z < self.planner.shape().gate_m => Phase::Final,
             () => Phase::MidFlight,
         };
-        let spare_m = vehicle_m.z - self.guess.tag_m.z - CLEARANCE_M;
-        let waypoint_m = if land {
-            tag_m
-        } else if vague && t_s - start.t_s < EXPLORE_S {
+        let waypoint_m = if exploring {
             let toward = self.guess.tag_m - start.position_m;
-            vehicle_m + guidance::exploration(toward, t_s - start.t_s, spare_m) * AHEAD_M
-        } else if offset_m.z < CENTRE_BELOW_M {
-            tag_m + above
+            vehicle_m + guidance::exploration(toward, t_s - start.t_s, approach.spare_m) * AHEAD_M
         } else {
-            vehicle_m
-                + guidance::direction(
-                    offset_m,
-                    horizontal_sigma(best),
-                    &self.shape,
-                    left_m,
-                    spare_m,
-                ) * AHEAD_M
+            tag_m + approach.waypoint_m(self.planner.shape())
         };
         self.command = Command {
             id: self.command.id.wrapping_add(1),
-            action: if land { Action::Land } else { Action::Fly },
+            action: if approach.landing {
+                Action::Land
+            } else {
+                Action::Fly
+            },
             waypoint_m,
             ins_error,
         };
     }
 
+    /// What can be expected of a flight from here, `flown_s` after its start.
+    fn forecast(&self, best: &Hypothesis, flown_s: f64) -> Forecast {
+        Forecast {
+            ins: InsNoise {
+                height_sigma_m: self.height_roughness.sigma(),
+                ..best.noise().ins
+            },
+            covariance: self
+                .close
+                .map_or_else(|| best.bound_covariance(), |close| close.covariance),
+            range_sigma_m: self.newest().map_or(0.0, |newest| newest.range_sigma_m),
+            range_rate_hz: self.ranges as f64 / flown_s.max(1.0),
+            nearest_m: NEAREST_M,
+            speed_m_s: self.options.speed_m_s,
+        }
+    }
+
     /// Whether flying at the best explanation would be flying at a phantom.
     fn vague(&self, best: &Hypothesis) -> bool {
-        let newest = self
-            .record
-            .as_ref()
-            .and_then(|record| record.observations().last());
-        let limit_m = newest
+        let limit_m = self
+            .newest()
             .map_or(0.0, |o| VAGUE_SHARE * (best.tag_m() - o.ins_m).norm())
             .max(VAGUE_FROM_M);
-        let sigma_m = best
-            .relative_covariance()
-            .symmetric_eigenvalues()
-            .max()
-            .max(0.0)
-            .sqrt();
+        let variance = self.offset_covariance(best).symmetric_eigenvalues().max();
+        let wide = variance > limit_m * limit_m;
+        // The mixture's width holds the rivals.
+        if self.close.is_some() {
+            return wide;
+        }
         let rival = self
-            .hypotheses
-            .second()
-            .filter(|rival| rival.score() - best.score() < COMPETES)
+            .rival(best)
             .is_some_and(|rival| rival.distance_m(best) > limit_m);
-        rival || sigma_m > limit_m
+        rival || wide
+    }
+
+    /// Covariance of the way from vehicle to tag.
+    fn offset_covariance(&self, best: &Hypothesis) -> Matrix3<f64> {
+        self.close
+            .map_or_else(|| best.relative_covariance(), |close| close.covariance_m2)
     }
 
     fn low(&self) -> bool {
-        self.phase != Phase::Initial
-            && self
-                .estimate()
-                .is_some_and(|e| e.vehicle_m.z - e.tag_m.z < LOW_M)
+        let (Some(best), Some(newest)) = (self.hypotheses.best(), self.newest()) else {
+            return false;
+        };
+        self.phase != Phase::Initial && vehicle_m(best, newest).z - best.tag_m().z < LOW_M
+    }
+
+    fn newest(&self) -> Option<&Observation> {
+        self.record.as_ref()?.observations().last()
+    }
+
+    /// The runner-up, if it competes with the best.
+    fn rival(&self, best: &Hypothesis) -> Option<&Hypothesis> {
+        self.hypotheses
+            .second()
+            .filter(|second| second.score() - best.score() < COMPETES)
     }
 }
 
-/// Largest horizontal standard deviation of the tag seen from the vehicle, metres.
-fn horizontal_sigma(explanation: &Hypothesis) -> f64 {
-    let covariance = explanation
-        .relative_covariance()
-        .fixed_view::<2, 2>(0, 0)
-        .into_owned();
-    covariance.symmetric_eigenvalues().max().max(0.0).sqrt()
+/// Where the vehicle was at an observation at the end of the record.
+fn vehicle_m(explanation: &Hypothesis, newest: &Observation) -> Vector3<f64> {
+    newest.ins_m - explanation.ins_error().0
 }
 
 impl Navigator for MapNavigator {
@@ -335,13 +395,9 @@ impl Navigator for MapNavigator {
         let Some(ins_m) = self.ins_at(sample.t_s) else {
             return Ok(());
         };
-        if sample.range_m < NEAREST_M {
-            self.steer(sample.t_s);
-            return Ok(());
-        }
         let (range_sigma_m, height_sigma_m) = if self.options.adapt_noise {
             (
-                self.range_roughness.add(sample.range_m) * mistrust(sample.range_m),
+                self.range_roughness.add(sample.range_m),
                 self.height_roughness.add(ins_m.z),
             )
         } else {
@@ -350,17 +406,26 @@ impl Navigator for MapNavigator {
                 self.options.noise.ins.height_sigma_m,
             )
         };
-        self.observe(Observation {
+        let observation = Observation {
             t_s: sample.t_s,
             ins_m,
             range_m: sample.range_m,
             range_sigma_m,
             height_sigma_m,
-        });
-        self.ranges += 1;
-        if self.ranges.is_multiple_of(2) || self.low() {
-            self.update();
+        };
+        if sample.range_m >= NEAREST_M {
+            self.observe(observation);
+            self.ranges += 1;
+            if self.ranges.is_multiple_of(2) || self.low() {
+                self.update();
+            }
         }
+        let observation = self
+            .newest()
+            .filter(|o| o.t_s == observation.t_s)
+            .copied()
+            .unwrap_or(observation);
+        self.look_closely(&observation);
         self.steer(sample.t_s);
         Ok(())
     }
@@ -375,17 +440,23 @@ impl Navigator for MapNavigator {
         let best = self.hypotheses.best()?;
         let record = self.record.as_ref()?;
         let newest = record.observations().last()?;
-        let (error_m, _) = best.ins_error();
-        let vehicle_m = newest.ins_m - error_m;
-        let covariance = self.hypotheses.relative_covariance();
+        let (t_s, vehicle_m, covariance) = match self.close {
+            Some(close) => (
+                close.t_s,
+                best.tag_m() - close.offset_m,
+                close.covariance_m2,
+            ),
+            None => (
+                newest.t_s,
+                vehicle_m(best, newest),
+                self.hypotheses.relative_covariance(),
+            ),
+        };
         let distance_m = (best.tag_m() - vehicle_m).norm();
-        let rival = self
-            .hypotheses
-            .second()
-            .filter(|rival| rival.score() - best.score() < COMPETES);
+        let rival = self.rival(best);
         let largest = covariance.symmetric_eigenvalues().max().max(0.0).sqrt();
         Some(Estimate {
-            t_s: newest.t_s,
+            t_s,
             tag_m: best.tag_m(),
             vehicle_m,
             relative_covariance_m2: Some(covariance),

@@ -46,7 +46,8 @@ impl Roughness {
         self.sigma()
     }
 
-    fn sigma(&self) -> f64 {
+    /// The standard deviation of the noise.
+    pub(super) fn sigma(&self) -> f64 {
         let count = self.seen.saturating_sub(2).min(WINDOW);
         let mut sorted = self.differences;
         let Some(known) = sorted.get_mut(..count).filter(|known| !known.is_empty()) else {

@@ -27,7 +27,7 @@ struct Parameter {
 const PARAMETERS: [Parameter; 4] = [
     Parameter {
         of: |n| &mut n.ins.position_random_walk,
-        width: 1.2,
+        width: 2.5,
         limits: 1e-3..=0.2,
     },
     Parameter {
@@ -85,6 +85,13 @@ impl Tuner {
     /// The same prior, beginning elsewhere.
     pub(super) fn beginning_with(&self, change: fn(&mut NoiseModel)) -> Self {
         let mut tuner = Self::new(self.data_sheet);
+        change(&mut tuner.noise);
+        tuner
+    }
+
+    /// The same with another noise.
+    pub(super) fn changed(&self, change: fn(&mut NoiseModel)) -> Self {
+        let mut tuner = self.clone();
         change(&mut tuner.noise);
         tuner
     }
