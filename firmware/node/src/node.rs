@@ -297,16 +297,18 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             self.next_status_us = now_us + STATUS_PERIOD_US;
             emit(&Record::Boot(self.about()));
         }
-        if let Doing::Down { retry_us } = self.doing
-            && now_us >= retry_us
-        {
-            // The outcome is in `doing` and in the counters.
-            let _ = self.start(now_us);
-        }
-        if !matches!(self.doing, Doing::Down { .. })
-            && let Err(error) = self.run(now_us, emit)
-        {
-            self.out_of_order(now_us, error);
+        match self.doing {
+            Doing::Down { retry_us } if now_us >= retry_us => {
+                // The outcome is in `doing` and in the counters. `now_us` is long over when
+                // the radio has started: what is due comes with the next call.
+                let _ = self.start(now_us);
+            }
+            Doing::Down { .. } => {}
+            _ => {
+                if let Err(error) = self.run(now_us, emit) {
+                    self.out_of_order(now_us, error);
+                }
+            }
         }
         if now_us >= self.next_status_us {
             self.next_status_us += STATUS_PERIOD_US;
@@ -686,6 +688,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 polling.beacon = false;
                 polling.repeat_until_us = None;
                 polling.next_us = polling.next_us.max(now_us);
+                polling.turn_us = now_us;
                 self.doing = Doing::Nothing;
                 Ok(())
             }
