@@ -88,5 +88,8 @@ fn every_mode_of_the_radio_ranges() {
             worst_error_m(&anchor)
         );
         assert_eq!(tag.counters.no_final, 0, "{phy}");
+        for counters in [anchor.counters, tag.counters] {
+            assert_eq!(counters.radio_resets, 0, "{phy}");
+        }
     }
 }

@@ -7,6 +7,7 @@ use nova_ranging::filter::SettingsError;
 use nova_ranging::frame::len;
 use nova_ranging::phy::{Budget, PhyError};
 use nova_ranging::superframe::Sharing;
+use nova_ranging::timetable::MAX_RESPONSE_US;
 use nova_ranging::{Address, FilterSettings, MAX_RESPONDERS, PanId, PhyProfile, Ticks, Timing};
 use nova_wire::{ResetCause, Role, SettingsSource};
 
@@ -278,6 +279,11 @@ impl NodeConfig {
         }
     }
 }
+
+const _: () = assert!(
+    NodeConfig::MAX_REPLY_US as usize * MAX_RESPONDERS <= MAX_RESPONSE_US as usize,
+    "the slowest initiator is answered"
+);
 
 #[cfg(test)]
 mod tests {

@@ -541,13 +541,18 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Command::KeepListening => return self.keep_listening(now_us),
             // See `after_sending`.
             Command::Wait => {}
-            Command::Send { frame, when, then } => {
+            Command::Send {
+                frame,
+                when,
+                ahead_us,
+                then,
+            } => {
                 let on_time = self.radio.send(&frame, when, then)?;
-                // The last slot of a round is the furthest ahead that anything is sent.
-                let ahead_us = 10 * u64::from(self.timing.reply_us);
+                let tail_us = self.timing.tail_us(frame.len());
+                let takes_us = u64::from(ahead_us + self.timing.preamble_us() + tail_us);
                 self.doing = Doing::Sending {
-                    until_us: now_us + ahead_us + SEND_GUARD_US,
-                    tail_us: self.timing.tail_us(frame.len()),
+                    until_us: now_us + takes_us + SEND_GUARD_US,
+                    tail_us,
                     then,
                 };
                 if !on_time {
@@ -786,7 +791,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             | Ignored::WrongRound
             | Ignored::OutOfTurn
             | Ignored::LeftToOthers => &mut c.others_frames,
-            Ignored::OutOfTime => &mut c.out_of_time,
+            Ignored::OutOfTime | Ignored::TooSlow => &mut c.out_of_time,
             Ignored::TooFast => &mut c.polls_too_fast,
         }
     }

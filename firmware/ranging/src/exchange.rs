@@ -56,6 +56,9 @@ pub enum Command {
         frame: FrameBuffer,
         /// When.
         when: When,
+        /// How far ahead of now that is at most, in microseconds. It follows the
+        /// poll's times, not this node's own.
+        ahead_us: u32,
         /// What the radio does by itself afterwards.
         then: Then,
     },
@@ -190,6 +193,9 @@ pub enum Ignored {
     LeftToOthers,
     /// A poll that wants its answer sooner than this node can give it.
     TooFast,
+    /// A poll whose responses would last longer than
+    /// [`MAX_RESPONSE_US`](crate::timetable::MAX_RESPONSE_US).
+    TooSlow,
 }
 
 impl Step {

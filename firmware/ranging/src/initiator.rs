@@ -119,7 +119,7 @@ impl Initiator {
         });
         let own = len::poll(self.named.len());
         let then = self.listen_after(own, self.table.response_us(0), len::RESPONSE);
-        self.send(destination, message, When::Now, then)
+        self.send(destination, message, (When::Now, 0), then)
     }
 
     /// Drops a round that runs: its radio was started anew.
@@ -141,6 +141,7 @@ impl Initiator {
         Command::Send {
             frame: frame.encode(),
             when: When::Now,
+            ahead_us: 0,
             then: Then::Listen {
                 after_us: 0,
                 timeout_us: None,
@@ -299,7 +300,8 @@ impl Initiator {
             self.state = State::Resting;
             return self.listen(poll_tx, self.table.final_us(), len::last(0));
         }
-        let (when, final_tx) = self.timing.start(poll_tx, self.table.final_us());
+        let ahead_us = self.table.final_us();
+        let (when, final_tx) = self.timing.start(poll_tx, ahead_us);
         self.state = State::Closing { poll_tx, final_tx };
         let message = Message::Final(Final {
             span: final_tx.since(poll_tx),
@@ -316,7 +318,7 @@ impl Initiator {
         let due_us = self.table.report_us(0) - self.table.final_us();
         let then = self.listen_after(own, due_us, len::REPORT);
         let destination = self.everybody();
-        self.send(destination, message, when, then)
+        self.send(destination, message, (when, ahead_us), then)
     }
 
     /// The report due, with Rb and Db.
@@ -389,7 +391,13 @@ impl Initiator {
         Ok(frame)
     }
 
-    fn send(&mut self, destination: Address, message: Message, when: When, then: Then) -> Command {
+    fn send(
+        &mut self,
+        destination: Address,
+        message: Message,
+        (when, ahead_us): (When, u32),
+        then: Then,
+    ) -> Command {
         self.sequence = self.sequence.wrapping_add(1);
         let frame = Frame {
             sequence: self.sequence,
@@ -402,6 +410,7 @@ impl Initiator {
         Command::Send {
             frame: frame.encode(),
             when,
+            ahead_us,
             then,
         }
     }

@@ -24,7 +24,7 @@ use crate::exchange::{
 use crate::frame::{Address, Frame, MAX_RESPONDERS, Message, Poll, len};
 use crate::initiator::{checked, listen_after};
 use crate::time::{DeviceTime, TICKS_PER_SECOND, Ticks};
-use crate::timetable::{Timetable, Timing, is_due};
+use crate::timetable::{MAX_RESPONSE_US, Timetable, Timing, is_due};
 use crate::tof::{Intervals, TwoWay};
 
 /// Answers the polls of initiators, one round at a time.
@@ -242,7 +242,7 @@ impl Responder {
             after_us: 0,
             timeout_us: None,
         };
-        Step::command(self.send(&with, message, when, then))
+        Step::command(self.send(&with, message, (when, due_us), then))
     }
 
     /// The response to a poll, if it is one and for this node.
@@ -254,20 +254,25 @@ impl Responder {
         if poll.reply_us < self.timing.reply_us {
             return Err(Ignored::TooFast);
         }
+        let table = Timetable::of(poll);
+        if table.last_response_us() > MAX_RESPONSE_US {
+            return Err(Ignored::TooSlow);
+        }
         let with = Partner {
             peer: frame.source,
             round: frame.round,
-            table: Timetable::of(poll),
+            table,
             poll_rx: at,
         };
-        let (when, response_tx) = self.timing.start(at, with.table.response_us(slot));
+        let ahead_us = table.response_us(slot);
+        let (when, response_tx) = self.timing.start(at, ahead_us);
         self.state = State::SendingResponse { with, response_tx };
-        let due_us = with.table.final_us() - with.table.response_us(slot);
+        let due_us = table.final_us() - ahead_us;
         let longest = len::last(MAX_RESPONDERS.min(usize::from(poll.slots)));
         // Early by the grid; the final is as late as the poll was.
         let late = Ticks::from_us(1);
         let then = listen_after(&self.timing, len::RESPONSE, due_us, late, longest);
-        Ok(self.send(&with, Message::Response, when, then))
+        Ok(self.send(&with, Message::Response, (when, ahead_us), then))
     }
 
     /// The slot to answer in.
@@ -314,7 +319,13 @@ impl Responder {
         }
     }
 
-    fn send(&mut self, with: &Partner, message: Message, when: When, then: Then) -> Command {
+    fn send(
+        &mut self,
+        with: &Partner,
+        message: Message,
+        (when, ahead_us): (When, u32),
+        then: Then,
+    ) -> Command {
         self.sequence = self.sequence.wrapping_add(1);
         let frame = Frame {
             sequence: self.sequence,
@@ -327,6 +338,7 @@ impl Responder {
         Command::Send {
             frame: frame.encode(),
             when,
+            ahead_us,
             then,
         }
     }

@@ -21,6 +21,11 @@ use crate::time::{DeviceTime, MODULUS, Ticks};
 /// Longest way there and back that a response can have: 10 us, 1.5 km one way.
 pub const MAX_ROUND_TRIP: Ticks = Ticks::from_us(10);
 
+/// Latest time from a poll to the last slot's response, in microseconds: as many slots
+/// as there can be, 30 ms each. A poll that asks for more is not answered: it would keep
+/// a responder from all others.
+pub const MAX_RESPONSE_US: u32 = 240_000;
+
 /// How much sooner than due a frame can come, beside the clocks' error: stamps and the
 /// grid of delayed transmissions.
 const EARLY: Ticks = Ticks::from_us(1);
@@ -115,7 +120,12 @@ impl Timetable {
 
     /// From the poll's marker to the final's, in microseconds.
     pub const fn final_us(&self) -> u32 {
-        self.response_us(self.slots.saturating_sub(1) as usize) + self.reply_us + GUARD_US
+        self.last_response_us() + self.reply_us + GUARD_US
+    }
+
+    /// From the poll's marker to the response's in the last slot, in microseconds.
+    pub const fn last_response_us(&self) -> u32 {
+        self.response_us(self.slots.saturating_sub(1) as usize)
     }
 
     /// From the poll's marker to that of the report with this index, in microseconds.

@@ -6,7 +6,7 @@ mod air;
 
 use air::{ANTENNA_DELAY, Air, Clock, PAN, identity, timing};
 use nova_ranging::frame::{Answered, Final, FrameBuffer, Poll};
-use nova_ranging::time::{MODULUS, TICKS_PER_SECOND};
+use nova_ranging::time::{DELAYED_GRID, MODULUS, TICKS_PER_SECOND};
 use nova_ranging::{
     Address, Command, DeviceTime, Event, Failure, Frame, Ignored, Initiator, MAX_RESPONDERS,
     Measurement, Message, Outcome, PanId, Responder, Step, Ticks, Timing, When,
@@ -656,6 +656,63 @@ proptest! {
                 prop_assert!((range.two_way.time_of_flight_ticks - expected).abs() < 1.2);
                 prop_assert_eq!(measured(&said[k + 1])[0].two_way, range.two_way);
             }
+        }
+    }
+
+    /// However slow an initiator is, all its responders range; the air looks that nothing is
+    /// sent later than its command says.
+    #[test]
+    fn a_slow_initiator_gets_all_its_ranges(
+        reply_us in 600..=30_000u16,
+        slot_us in 400..=30_000u16,
+        responders in 1..=8usize,
+    ) {
+        let mut air = Air::new();
+        air.initiator_with(Timing { reply_us, slot_us, ..timing() }, A, TRUE_CLOCK, 0.0);
+        let named: Vec<_> = (1..=responders as u16).map(Address).collect();
+        for (k, &address) in named.iter().enumerate() {
+            air.responder(address, Clock { start: 0, ppm: 18.0 - 4.0 * k as f64 }, 500.0);
+        }
+        let said = air.round(0.0, &named, 0);
+        prop_assert_eq!(measured(&said[0]).len(), responders);
+        prop_assert!(failures(&said[0]).is_empty());
+        prop_assert!(air.all_idle());
+    }
+
+    /// Any poll is refused, too fast or too slow, or answered as far ahead as it says.
+    #[test]
+    fn a_poll_is_answered_at_its_time_or_refused(
+        (reply_us, slot_us) in (any::<u16>(), any::<u16>()),
+        (slots, own) in (1..=8u8).prop_flat_map(|slots| (Just(slots), 0..slots)),
+        start in 0..MODULUS,
+    ) {
+        let mut responder = Responder::new(identity(B), timing());
+        responder.start();
+        let named = (0..=own).map(|k| if k == own { B } else { Address(0x100 + u16::from(k)) });
+        let message = Message::Poll(Poll { reply_us, slot_us, slots, named: named.collect() });
+        let step = responder.on_event(Event::Received {
+            bytes: &frame(A, Address::BROADCAST, 1, message),
+            at: at(start),
+        });
+        let response_us = |slot: u8| u32::from(reply_us) + u32::from(slot) * u32::from(slot_us);
+        let refused = if reply_us < timing().reply_us {
+            Some(Outcome::Ignored(Ignored::TooFast))
+        } else if response_us(slots - 1) > 240_000 {
+            Some(Outcome::Ignored(Ignored::TooSlow))
+        } else {
+            None
+        };
+        prop_assert_eq!(step.outcome, refused);
+        prop_assert_eq!(responder.is_idle(), refused.is_some());
+        match step.command {
+            Command::Send { when: When::At(when), ahead_us, .. } => {
+                prop_assert!(refused.is_none());
+                prop_assert_eq!(ahead_us, response_us(own));
+                let ahead = when.after(Ticks::new(ANTENNA_DELAY)).since(at(start));
+                let early = Ticks::from_us(ahead_us).get() - ahead.get();
+                prop_assert!(early < DELAYED_GRID, "{} ticks early", early);
+            }
+            command => prop_assert!(refused.is_some(), "{:?}", command),
         }
     }
 

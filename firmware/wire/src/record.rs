@@ -303,7 +303,8 @@ pub struct Counters {
     pub not_heard: u32,
     /// Ranges less than nothing, or further than any radio reaches.
     pub implausible: u32,
-    /// Frames that were due, but not when they came: repeated by somebody.
+    /// Frames that were due, but not when they came: repeated by somebody. And polls
+    /// that want an answer later than 240 ms behind them in any slot.
     pub out_of_time: u32,
     /// Responder: polls that want their answer sooner than this node can give it.
     pub polls_too_fast: u32,

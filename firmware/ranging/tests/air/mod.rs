@@ -124,7 +124,18 @@ impl Air {
 
     /// Node 0 is the initiator.
     pub(crate) fn initiator(&mut self, address: Address, clock: Clock, position: f64) {
-        let machine = Machine::Initiator(Initiator::new(identity(address), timing()));
+        self.initiator_with(timing(), address, clock, position);
+    }
+
+    /// Node 0 with another speed than the responders'.
+    pub(crate) fn initiator_with(
+        &mut self,
+        timing: Timing,
+        address: Address,
+        clock: Clock,
+        position: f64,
+    ) {
+        let machine = Machine::Initiator(Initiator::new(identity(address), timing));
         self.add(machine, clock, position);
     }
 
@@ -260,9 +271,15 @@ impl Air {
                 let off = until.map_or(f64::INFINITY, |until| clock.when(until, t));
                 self.listen(node, t, off);
             }
-            Command::Send { frame, when, then } => {
+            Command::Send {
+                frame,
+                when,
+                ahead_us,
+                then,
+            } => {
                 self.nodes[node].listening = None;
                 self.nodes[node].epoch += 1;
+                let asked = t;
                 let (t, at) = match when {
                     When::Now => {
                         let t = t + Ticks::from_us(150).get() as f64;
@@ -271,7 +288,11 @@ impl Air {
                     When::At(start) => {
                         assert_eq!(start.ticks() % DELAYED_GRID, 0, "off the radio's grid");
                         let at = start.after(Ticks::new(ANTENNA_DELAY));
-                        (clock.when(at, t), at)
+                        let t = clock.when(at, asked);
+                        // 100 ppm for the node's clock.
+                        let ahead = Ticks::from_us(ahead_us).get() as f64 * 1.0001;
+                        assert!(t <= asked + ahead, "{ahead_us} us are too few");
+                        (t, at)
                     }
                 };
                 let bytes = frame.to_vec();
