@@ -22,6 +22,10 @@ use nova_wire::{
 /// From one status record to the next.
 const STATUS_PERIOD_US: u64 = 1_000_000;
 
+/// How long what is due once a second waits for a moment in which it takes no frame's
+/// time: see [`Node::spare`].
+const PATIENCE_US: u64 = 100_000;
+
 /// A send that has not come to an end so long after its time never will.
 const SEND_GUARD_US: u64 = 10_000;
 
@@ -70,6 +74,9 @@ pub struct Node<B, R, D> {
     /// When a range was measured last, or the radio started; and what failed since.
     measured_us: u64,
     fruitless: u32,
+    /// Whether a frame of this node's has just left whose answer takes a reply time: then there is time
+    /// for what is due once a second. Between rounds there may be none, as a poll can come at any time.
+    spare: bool,
     booted: bool,
     /// Whether the radio's start has been tried before.
     tried: bool,
@@ -199,6 +206,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             heard_us: 0,
             measured_us: 0,
             fruitless: 0,
+            spare: false,
             booted: false,
             tried: false,
         })
@@ -292,6 +300,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     /// Returns the time at which it must be called again, unless the radio's
     /// interrupt line goes high before.
     pub fn service(&mut self, now_us: u64, emit: &mut impl FnMut(&Record)) -> u64 {
+        self.spare = false;
         if !self.booted {
             self.booted = true;
             self.next_status_us = now_us + STATUS_PERIOD_US;
@@ -310,7 +319,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 }
             }
         }
-        if now_us >= self.next_status_us {
+        if self.is_time_for(self.next_status_us, now_us) {
+            // From when it was due, so that a late one does not move the next.
             self.next_status_us += STATUS_PERIOD_US;
             if self.next_status_us <= now_us {
                 self.next_status_us = now_us + STATUS_PERIOD_US;
@@ -597,6 +607,13 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let Doing::Sending { tail_us, then, .. } = self.doing else {
             return;
         };
+        self.spare = matches!(
+            then,
+            Then::Listen {
+                timeout_us: Some(_),
+                ..
+            }
+        );
         self.doing = match then {
             Then::Idle => Doing::Nothing,
             Then::Listen {
@@ -626,11 +643,17 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         }
     }
 
-    /// Looks from time to time, when no exchange runs, whether the radio is
+    /// Whether something that was due at `due_us` is done now.
+    fn is_time_for(&self, due_us: u64, now_us: u64) -> bool {
+        let patience_us = if self.spare { 0 } else { PATIENCE_US };
+        now_us >= due_us + patience_us
+    }
+
+    /// Looks from time to time, when there is time, whether the radio is
     /// still what it was set up to be.
     fn check_settings(&mut self, now_us: u64) -> Result<(), RadioError> {
         let idle = matches!(self.doing, Doing::Nothing | Doing::ListeningForEver { .. });
-        if idle && now_us >= self.next_check_us {
+        if (idle || self.spare) && self.is_time_for(self.next_check_us, now_us) {
             self.next_check_us = now_us + CHECK_PERIOD_US;
             self.radio.check_settings()?;
         }
@@ -719,11 +742,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Doing::Sending { until_us, .. } => until_us,
             Doing::Listening { until_us, .. } => until_us + LISTEN_GUARD_US,
             Doing::ListeningForEver { refresh_us } => {
-                refresh_us.min(self.next_check_us).min(turn_us)
+                refresh_us.min(self.next_check_us + PATIENCE_US).min(turn_us)
             }
             Doing::Down { retry_us } => retry_us,
         };
-        radio_us.min(self.next_status_us)
+        radio_us.min(self.next_status_us + PATIENCE_US)
     }
 
     /// What the node is.
