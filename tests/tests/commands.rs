@@ -219,10 +219,25 @@ fn a_change_out_of_range_is_refused_with_the_range_and_nothing_of_the_command_is
             setting: Setting::Part.number()
         })
     );
+    let twice = Addresses::new(&[3, 4, 3]).map(Value::Addresses);
+    assert_eq!(
+        bench.set(1, &[(Setting::Peers, twice)]),
+        Outcome::Refused(Refusal::NotOffered {
+            setting: Setting::Peers.number()
+        })
+    );
+    let itself = Addresses::new(&[3, ANCHOR]).map(Value::Addresses);
+    assert_eq!(
+        bench.set(1, &[(Setting::Peers, itself)]),
+        Outcome::Refused(Refusal::Conflict {
+            setting: Setting::Peers.number(),
+            with: Setting::Address.number()
+        })
+    );
     assert_eq!(bench.get(1), before);
     assert_eq!(bench.flashes[1].operations(), operations);
     assert!(!bench.ranges(1, 1.0).is_empty());
-    assert_eq!(bench.network.log(1).unwrap().counters.refused_commands, 3);
+    assert_eq!(bench.network.log(1).unwrap().counters.refused_commands, 5);
 }
 
 #[test]

@@ -33,7 +33,8 @@ fn settings(k: u32) -> Settings {
             .unwrap();
     }
     if k.is_multiple_of(3) {
-        let peers = [(k % 60_000 + 1) as u16; MAX_ADDRESSES];
+        let first = (k % 60_000 + 1) as u16;
+        let peers: Vec<u16> = (first..).take(MAX_ADDRESSES).collect();
         let count = k as usize % MAX_ADDRESSES;
         let value = Some(Value::Addresses(Addresses::new(&peers[..count]).unwrap()));
         let setting = Setting::Peers.number();
@@ -363,7 +364,8 @@ fn the_flash_lasts_for_a_million_changes() {
             let setting = setting.number();
             all.change(&Change { setting, value }).unwrap();
         }
-        let peers = Addresses::new(&[0xFFFD; MAX_ADDRESSES]).unwrap();
+        let peers: Vec<u16> = (1..=0xFFFD).rev().take(MAX_ADDRESSES).collect();
+        let peers = Addresses::new(&peers).unwrap();
         let value = Some(Value::Addresses(peers));
         let setting = Setting::Peers.number();
         all.change(&Change { setting, value }).unwrap();

@@ -132,6 +132,8 @@ pub enum ConfigError {
         /// And at most.
         most: u32,
     },
+    /// The node's own address is among its peers.
+    OwnPeer(Address),
 }
 
 impl core::fmt::Display for ConfigError {
@@ -143,6 +145,13 @@ impl core::fmt::Display for ConfigError {
                 f,
                 "a reply time of {us} us is not between {least} and {most} us"
             ),
+            Self::OwnPeer(address) => {
+                write!(
+                    f,
+                    "the node's own address {:#06x} is among its peers",
+                    address.0
+                )
+            }
         }
     }
 }
@@ -208,6 +217,12 @@ impl NodeConfig {
     pub fn check(&self) -> Result<(), ConfigError> {
         self.phy.check().map_err(ConfigError::Phy)?;
         self.filter.check().map_err(ConfigError::Filter)?;
+        let own = self.identity.address;
+        if let Part::Initiator { peers, .. } = &self.part
+            && peers.contains(&own)
+        {
+            return Err(ConfigError::OwnPeer(own));
+        }
         let us = self.reply_us();
         let least = self.frames_us();
         let most = Self::MAX_REPLY_US;
@@ -311,6 +326,20 @@ mod tests {
         };
         assert_eq!((us, most), (100, 30_000));
         assert!((170..220).contains(&least), "{least}");
+    }
+
+    #[test]
+    fn a_node_that_would_poll_itself_is_refused() {
+        let mut config = NodeConfig::anchor(Address(2));
+        for (peer, result) in [
+            (Address(3), Ok(())),
+            (Address(2), Err(ConfigError::OwnPeer(Address(2)))),
+        ] {
+            if let Part::Initiator { peers, .. } = &mut config.part {
+                peers.push(peer).unwrap();
+            }
+            assert_eq!(config.check(), result);
+        }
     }
 
     #[test]

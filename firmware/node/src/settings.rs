@@ -125,6 +125,10 @@ pub(crate) fn refusal(error: &ConfigError) -> Refusal {
             setting: Setting::FilterNlosSigma.number(),
             with: Setting::FilterSigma.number(),
         },
+        ConfigError::OwnPeer(_) => Refusal::Conflict {
+            setting: Setting::Peers.number(),
+            with: Setting::Address.number(),
+        },
     }
 }
 

@@ -195,7 +195,9 @@ pub(crate) fn allowed(description: &Description) -> String {
                 .to_owned()
         }
         Kind::Word(words) => words.join(" or "),
-        Kind::Addresses { most } => format!("up to {most} addresses, as [0x0A1B, 0x0102]"),
+        Kind::Addresses { most } => {
+            format!("up to {most} addresses, none twice, as [0x0A1B, 0x0102]")
+        }
     }
 }
 

@@ -113,10 +113,16 @@ impl Setting {
             }
             (Kind::Addresses { .. }, Value::Addresses(addresses)) => {
                 let (least, most) = (*NODE_ADDRESSES.start(), *NODE_ADDRESSES.end());
-                addresses
-                    .as_slice()
-                    .iter()
-                    .try_for_each(|&a| self.within(least.into(), most.into(), a.into()))
+                let list = addresses.as_slice();
+                list.iter()
+                    .try_for_each(|&a| self.within(least.into(), most.into(), a.into()))?;
+                // A node answers in one slot of a round.
+                let twice = (1..)
+                    .zip(list)
+                    .any(|(rest, a)| list.iter().skip(rest).any(|b| a == b));
+                (!twice)
+                    .then_some(())
+                    .ok_or(Refusal::NotOffered { setting })
             }
             _ => Err(Refusal::WrongKind { setting }),
         }
@@ -243,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn peers_must_be_addresses_that_nodes_can_have() {
+    fn peers_must_be_addresses_that_nodes_can_have_each_named_once() {
         let check =
             |list: &[u16]| Setting::Peers.check(&Value::Addresses(Addresses::new(list).unwrap()));
         assert_eq!(check(&[]), Ok(()));
@@ -259,6 +265,9 @@ mod tests {
             );
         }
         assert_eq!(Addresses::new(&[1; 9]), None);
+        for twice in [&[5, 5][..], &[1, 2, 3, 4, 5, 6, 7, 1]] {
+            assert_eq!(check(twice), Err(Refusal::NotOffered { setting: 3 }));
+        }
     }
 
     #[test]
