@@ -404,14 +404,14 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                     count(&mut self.counters.ranges);
                     (self.measured_us, self.fruitless) = (now_us, 0);
                     emit(&Record::Range(record));
-                    self.playing.measured(measurement.peer);
+                    self.playing.measured(measurement.peer, now_us);
                 }
                 Some(Outcome::Failed { peer, why }) => {
                     count(self.failure_counter(&why));
                     if why != Failure::NobodyNew {
                         self.fruitless = self.fruitless.saturating_add(1);
                     }
-                    self.playing.failed(peer);
+                    self.playing.failed(peer, now_us);
                 }
                 Some(Outcome::Ignored(ignored)) => {
                     count(self.ignored_counter(ignored));
@@ -741,9 +741,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Doing::Nothing => turn_us,
             Doing::Sending { until_us, .. } => until_us,
             Doing::Listening { until_us, .. } => until_us + LISTEN_GUARD_US,
-            Doing::ListeningForEver { refresh_us } => {
-                refresh_us.min(self.next_check_us + PATIENCE_US).min(turn_us)
-            }
+            Doing::ListeningForEver { refresh_us } => refresh_us
+                .min(self.next_check_us + PATIENCE_US)
+                .min(turn_us),
             Doing::Down { retry_us } => retry_us,
         };
         radio_us.min(self.next_status_us + PATIENCE_US)
@@ -885,16 +885,16 @@ impl Playing {
         }
     }
 
-    fn measured(&mut self, peer: Address) {
+    fn measured(&mut self, peer: Address, now_us: u64) {
         if let Self::Initiator(polling) = self {
-            polling.peers.answered(peer);
+            polling.peers.answered(peer, now_us);
             polling.missing.retain(|&missing| missing != peer);
         }
     }
 
-    fn failed(&mut self, peer: Address) {
+    fn failed(&mut self, peer: Address, now_us: u64) {
         if let Self::Initiator(polling) = self {
-            polling.peers.failed(peer);
+            polling.peers.failed(peer, now_us);
             if !core::mem::replace(&mut polling.missed, true) {
                 let shift_us = polling.spread.next_us();
                 polling.next_us = polling.next_us.saturating_add_signed(shift_us);

@@ -5,8 +5,11 @@ use nova_ranging::{Address, MAX_RESPONDERS};
 /// Most peers that one initiator polls.
 pub const MAX_PEERS: usize = 8;
 
-/// A peer that was found is dropped after this many rounds in a row without a range.
-const FAILURES_TO_DROP: u8 = 50;
+/// A peer that was found is dropped when it has given no range for so long, whatever the rate ...
+const DROP_AFTER_US: u64 = 3_000_000;
+
+/// ... and in so many rounds, where there is less than one a second.
+const DROP_AFTER_FAILURES: u8 = 3;
 
 /// After so many rounds with known peers one has a slot open to nodes that are not known.
 const SEARCH_AFTER: u8 = 15;
@@ -31,6 +34,9 @@ pub(crate) struct Peers {
 #[derive(Clone, Copy, Debug)]
 struct Peer {
     address: Address,
+    /// When it gave a range last, on the board's clock.
+    measured_us: u64,
+    /// How often it has given none since.
     failures: u8,
 }
 
@@ -51,6 +57,7 @@ impl Peers {
             .take(MAX_PEERS)
             .map(|&address| Peer {
                 address,
+                measured_us: 0,
                 failures: 0,
             })
             .collect();
@@ -102,14 +109,15 @@ impl Peers {
         Plan { named, open }
     }
 
-    /// A measurement with `peer` gave a range.
-    pub(crate) fn answered(&mut self, peer: Address) {
+    /// A measurement with `peer` gave a range at `now_us`.
+    pub(crate) fn answered(&mut self, peer: Address, now_us: u64) {
         match self.known.iter_mut().find(|p| p.address == peer) {
-            Some(known) => known.failures = 0,
+            Some(known) => (known.measured_us, known.failures) = (now_us, 0),
             // A full list takes no more: `next_round` then stops searching.
             None if self.search => {
                 let _ = self.known.push(Peer {
                     address: peer,
+                    measured_us: now_us,
                     failures: 0,
                 });
             }
@@ -117,8 +125,8 @@ impl Peers {
         }
     }
 
-    /// A measurement with `peer` failed.
-    pub(crate) fn failed(&mut self, peer: Address) {
+    /// A measurement with `peer` failed at `now_us`.
+    pub(crate) fn failed(&mut self, peer: Address, now_us: u64) {
         let Some(index) = self.known.iter().position(|p| p.address == peer) else {
             return;
         };
@@ -126,7 +134,9 @@ impl Peers {
             return;
         };
         known.failures = known.failures.saturating_add(1);
-        if self.search && known.failures >= FAILURES_TO_DROP {
+        let gone = known.failures >= DROP_AFTER_FAILURES
+            && now_us.saturating_sub(known.measured_us) >= DROP_AFTER_US;
+        if self.search && gone {
             self.known.remove(index);
         }
     }
@@ -150,10 +160,11 @@ mod tests {
     #[test]
     fn configured_peers_are_polled_in_turn_and_never_dropped() {
         let mut peers = Peers::new(&[A, B, C], 2);
-        for _ in 0..100 {
+        for k in 0..100 {
             for pair in [[A, B], [C, A], [B, C]] {
                 assert_eq!(peers.next_round(8), plan(&pair, 0));
-                pair.iter().for_each(|&peer| peers.failed(peer));
+                pair.iter()
+                    .for_each(|&peer| peers.failed(peer, k * 1_000_000));
             }
         }
     }
@@ -178,7 +189,7 @@ mod tests {
     fn without_peers_all_slots_are_open_until_one_answers() {
         let mut peers = Peers::new(&[], 4);
         assert!((0..40).all(|_| peers.next_round(8) == plan(&[], OPEN_AT_FIRST)));
-        peers.answered(A);
+        peers.answered(A, 0);
         let plans: heapless::Vec<_, 128> = (0..128).map(|_| peers.next_round(8)).collect();
         assert!(plans.iter().all(|plan| plan.named == [A]));
         assert_eq!(plans.iter().filter(|plan| plan.open == 1).count(), 8);
@@ -187,7 +198,7 @@ mod tests {
     #[test]
     fn an_open_slot_does_not_lengthen_a_full_round() {
         let mut peers = Peers::new(&[], 2);
-        [A, B, C].iter().for_each(|&peer| peers.answered(peer));
+        [A, B, C].iter().for_each(|&peer| peers.answered(peer, 0));
         for _ in 0..200 {
             let Plan { named, open } = peers.next_round(8);
             assert_eq!(named.len() + open, 2);
@@ -195,23 +206,37 @@ mod tests {
     }
 
     #[test]
-    fn a_found_peer_that_is_gone_is_dropped() {
+    fn a_found_peer_is_dropped_after_three_seconds_without_a_range_and_not_before() {
         let mut peers = Peers::new(&[], 4);
-        peers.answered(A);
-        peers.answered(B);
-        for _ in 0..FAILURES_TO_DROP {
-            peers.failed(A);
-        }
+        peers.answered(A, 0);
+        peers.answered(B, 0);
+        peers.answered(A, 1_000_000);
+        (1_000_001..1_001_000).for_each(|now_us| peers.failed(A, now_us));
+        peers.failed(A, 3_999_999);
+        assert_eq!(peers.next_round(8).named, [A, B]);
+        peers.failed(A, 4_000_000);
         assert!((0..100).all(|_| peers.next_round(8).named == [B]));
+    }
+
+    #[test]
+    fn where_rounds_are_rare_one_or_two_losses_drop_nobody() {
+        let mut peers = Peers::new(&[], 4);
+        for lost in [1, 2, 1, 2] {
+            peers.answered(A, 0);
+            (1..=lost).for_each(|k| peers.failed(A, k * 10_000_000));
+            assert_eq!(peers.next_round(8).named, [A]);
+        }
+        peers.failed(A, 30_000_000);
+        assert!(peers.next_round(8).named.is_empty());
     }
 
     #[test]
     fn a_full_list_stops_the_search() {
         let mut peers = Peers::new(&[], 4);
         for k in 0..MAX_PEERS as u16 {
-            peers.answered(Address(k));
+            peers.answered(Address(k), 0);
         }
-        peers.answered(Address(99));
+        peers.answered(Address(99), 0);
         assert!((0..100).all(|_| {
             let plan = peers.next_round(8);
             plan.open == 0 && plan.named.iter().all(|peer| peer.0 < MAX_PEERS as u16)
