@@ -40,6 +40,8 @@ pub(crate) struct Source {
     link: Link,
     /// From one attempt to reach a lost board to the next; no attempt without it.
     retry: Option<Duration>,
+    /// Whether a board that is reached again is asked for its settings again.
+    asks: bool,
 }
 
 enum Link {
@@ -78,6 +80,7 @@ impl Source {
             place,
             link,
             retry: None,
+            asks: false,
         })
     }
 
@@ -95,6 +98,7 @@ impl Source {
             place,
             link: Link::OneWay(Box::new(bytes)),
             retry: None,
+            asks: false,
         }
     }
 
@@ -149,6 +153,9 @@ impl Source {
         match connect(&self.place) {
             Ok(link) => {
                 self.link = link;
+                if self.asks {
+                    self.ask_for_settings();
+                }
                 Input::Back
             }
             Err(_) => {
@@ -182,8 +189,10 @@ impl Source {
     }
 
     /// Asks a live board who it is and for its settings, its antenna delays among them. The answers come
-    /// in its stream; a board that cannot be asked is heard without them.
+    /// in its stream; a board that cannot be asked is heard without them. Asks again whenever the board
+    /// is reached again: it may be another one, or have been changed.
     pub(crate) fn ask_for_settings(&mut self) {
+        self.asks = true;
         if !self.place.is_live() {
             return;
         }

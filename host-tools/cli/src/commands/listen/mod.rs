@@ -52,7 +52,7 @@ pub(crate) struct Listen {
     #[arg(value_name = "PORT|tcp://HOST:PORT|FILE|-", required = true)]
     sources: Vec<String>,
     /// Also keep the raw stream, byte for byte, in a new file; of one source. A live board is asked for
-    /// its settings at the start, so that the recording holds them.
+    /// its settings at the start and whenever it is heard again, so that the recording holds them.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// One JSON object a record.
