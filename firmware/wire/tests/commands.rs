@@ -158,7 +158,9 @@ fn row(description: &nova_wire::settings::Description) -> String {
             .map(|(place, word)| format!("{place} {word}"))
             .collect::<Vec<_>>()
             .join(", "),
-        Kind::Addresses { most } => format!("up to {most} addresses, 0x0001 to 0xFFFD each, none twice"),
+        Kind::Addresses { most } => {
+            format!("up to {most} addresses, 0x0001 to 0xFFFD each, none twice")
+        }
     };
     let default = match (description.default, description.kind) {
         (Fallback::Board(how), _) => how.to_owned(),

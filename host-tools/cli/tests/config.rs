@@ -7,8 +7,10 @@ mod served;
 
 use common::{Nova, Said};
 use nova_hal_sim::Flash;
+use nova_wire::{Decoder, Event, Record};
 use served::Served;
-use std::net::TcpListener;
+use std::io::Read;
+use std::net::{TcpListener, TcpStream};
 
 fn board() -> Served {
     Served::tcp(&Flash::new(4))
@@ -79,6 +81,7 @@ fn a_file_takes_settings_to_another_board_and_leaves_its_own_alone() {
         "set",
         &one.place,
         "pan=0x1234",
+        "address=0x0303",
         "antenna_delay.tx_ticks=16400",
     ];
     ok(nova.run(&set));
@@ -92,8 +95,68 @@ fn a_file_takes_settings_to_another_board_and_leaves_its_own_alone() {
     let arguments = [&["config", "get", &other.place], &names[..]].concat();
     assert_eq!(
         ok(nova.run(&arguments)).out,
-        "address = 0x0202  # default\npan = 0x1234\nperiod_us = 50000\nantenna_delay.tx_ticks = 16400\n"
+        "address = 0x0202  # default\npan = 0x1234\nperiod_us = 50000\nantenna_delay.tx_ticks = 16456  # default\n"
     );
+
+    // All of it is for the same board again, and comes whole.
+    ok(nova.run(&["config", "export", &one.place, "--all", "-o", "all.toml"]));
+    let import = |place: &str| nova.run(&["config", "import", place, "all.toml"]);
+    refused(&import(&other.place), &["node 0x0303", "node 0x0202"]);
+    let before = ok(nova.run(&["config", "get", &one.place])).out;
+    ok(nova.run(&["config", "reset", &one.place]));
+    ok(nova.run(&["config", "set", &one.place, "address=0x0303"]));
+    ok(import(&one.place));
+    assert_eq!(ok(nova.run(&["config", "get", &one.place])).out, before);
+}
+
+/// Mean of the next ranges that the board reports.
+fn mean_range_m(board: &Served) -> f64 {
+    const RANGES: usize = 300;
+    let mut line = TcpStream::connect(board.place.trim_start_matches("tcp://")).unwrap();
+    let (mut decoder, mut ranges, mut bytes) = (Decoder::new(), Vec::new(), [0; 4096]);
+    while ranges.len() < RANGES {
+        let count = line.read(&mut bytes).unwrap();
+        assert_ne!(count, 0, "the board is gone");
+        let events = bytes[..count].iter().filter_map(|&byte| decoder.push(byte));
+        ranges.extend(events.filter_map(|event| match event {
+            Event::Record {
+                record: Record::Range(range),
+                ..
+            } => Some(f64::from(range.raw_m)),
+            _ => None,
+        }));
+    }
+    ranges.iter().sum::<f64>() / ranges.len() as f64
+}
+
+/// From a board whose antenna delays nobody knows to one that ranges right, with nothing but the commands.
+#[test]
+fn what_calibration_found_makes_the_board_range_right_once_imported() {
+    // 40.1 and 12.4 ticks more than the firmware takes for granted: 12 cm of range.
+    let (nova, board) = (Nova::new(), Served::tcp_off(&Flash::new(4), [40.1, 12.4]));
+    let wrong_m = mean_range_m(&board) - served::DISTANCE_M;
+    assert!((0.11..0.14).contains(&wrong_m), "{wrong_m}");
+    let calibrate = [
+        "calibrate",
+        &board.place,
+        "--ranges",
+        "500",
+        "--distance",
+        "0x0101-0x0202=5",
+        "--known",
+        "0x0101",
+        "--delays",
+        "0x0101=16456,16456",
+        "--out",
+        "delays",
+    ];
+    let said = nova.run(&calibrate);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let import = ["config", "import", &board.place, "delays/0x0202.toml"];
+    ok(nova.run(&import));
+    let off_m = mean_range_m(&board) - served::DISTANCE_M;
+    println!("{wrong_m:.4} m off before, {off_m:.4} m after");
+    assert!(off_m.abs() < 0.005, "{off_m}");
 }
 
 #[test]

@@ -15,6 +15,9 @@ use std::time::Duration;
 /// The address that the board brings.
 pub(crate) const ADDRESS: u16 = 0x0202;
 
+/// From the anchor to the tag, in metres.
+pub(crate) const DISTANCE_M: f64 = 5.0;
+
 /// Simulated time a turn; real time passes only while the line is read.
 const TURN_MS: u64 = 20;
 
@@ -32,11 +35,16 @@ pub(crate) struct Served {
 impl Served {
     /// Behind a TCP port; whoever connects talks to the same board.
     pub(crate) fn tcp(flash: &Flash) -> Self {
+        Self::tcp_off(flash, [0.0; 2])
+    }
+
+    /// The same with antenna delays, sending and receiving, so many ticks longer than boards take for granted.
+    pub(crate) fn tcp_off(flash: &Flash, off_ticks: [f64; 2]) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let place = format!("tcp://{}", listener.local_addr().unwrap());
         listener.set_nonblocking(true).unwrap();
         let mut line = None;
-        Self::start(place, flash, move |out| {
+        Self::start(place, flash, off_ticks, move |out| {
             if let Ok((stream, _)) = listener.accept() {
                 stream.set_nonblocking(false).unwrap();
                 stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -56,7 +64,7 @@ impl Served {
         let (mut board, host) = serialport::TTYPort::pair().unwrap();
         board.set_timeout(PATIENCE).unwrap();
         let place = host.name().unwrap();
-        Self::start(place, flash, move |out| {
+        Self::start(place, flash, [0.0; 2], move |out| {
             // Keeps the terminal there while nobody has it open.
             let _host = &host;
             exchange(&mut board, out)
@@ -66,6 +74,7 @@ impl Served {
     fn start(
         place: String,
         flash: &Flash,
+        [tx_off, rx_off]: [f64; 2],
         mut exchange: impl FnMut(&[u8]) -> Vec<u8> + Send + 'static,
     ) -> Self {
         let end = Arc::new(AtomicBool::new(false));
@@ -78,9 +87,12 @@ impl Served {
                 ..BoardConfig::default()
             };
             let tag = NodeConfig::tag(Address(0x0101));
-            sim_node::add(&mut sim, at(5.0, Flash::new(4)), tag).unwrap();
+            sim_node::add(&mut sim, at(DISTANCE_M, Flash::new(4)), tag).unwrap();
             let anchor = NodeConfig::anchor(Address(ADDRESS));
-            let anchor = sim_node::add(&mut sim, at(0.0, flash), anchor).unwrap();
+            let mut hardware = at(0.0, flash);
+            hardware.tx_antenna_delay_ticks += tx_off;
+            hardware.rx_antenna_delay_ticks += rx_off;
+            let anchor = sim_node::add(&mut sim, hardware, anchor).unwrap();
             while !ended.load(Ordering::Relaxed) {
                 sim.run_for(SimDuration::from_ms(TURN_MS)).unwrap();
                 let chunks = sim.uart(anchor).into_iter();

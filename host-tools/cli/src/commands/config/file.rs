@@ -8,11 +8,18 @@ use nova_wire::{Change, SettingValue};
 use std::fmt::Write as _;
 use std::path::Path;
 
+/// What belongs to one board: on another these make two nodes with one address, and wrong ranges.
+const OF_ONE_BOARD: [Setting; 3] = [
+    Setting::Address,
+    Setting::TxAntennaDelay,
+    Setting::RxAntennaDelay,
+];
+
 /// A file with these settings; those that are defaults are commented out, so that on another board they
-/// stay what that board brings.
-pub(super) fn written(settings: &[SettingValue]) -> String {
+/// stay what that board brings. So are those of this board alone, unless `all` are wanted.
+pub(super) fn written(settings: &[SettingValue], all: bool) -> String {
     let mut text = String::from(
-        "# Settings of a board, for `nova config import`. What is commented out is the default.\n",
+        "# Settings of a board, for `nova config import`. What is commented out is the default, or this board's alone.\n",
     );
     for told in settings {
         // What only newer boards know has no name here.
@@ -20,7 +27,13 @@ pub(super) fn written(settings: &[SettingValue]) -> String {
             continue;
         };
         let description = setting.description();
-        let mark = if told.set { "" } else { "# " };
+        let held_back = told.set && !all && OF_ONE_BOARD.contains(&setting);
+        let reason = if held_back {
+            "# Set on this board, and right for no other; `nova config export --all` exports it.\n"
+        } else {
+            ""
+        };
+        let mark = if told.set && !held_back { "" } else { "# " };
         let value = shown(description, &told.value);
         let default = match description.default {
             Fallback::Board(how) => format!(" (default: {how})"),
@@ -29,7 +42,7 @@ pub(super) fn written(settings: &[SettingValue]) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "\n# {}{default}\n{mark}{} = {value}",
+            "\n# {}{default}\n{reason}{mark}{} = {value}",
             description.meaning, description.name
         );
     }
@@ -98,15 +111,27 @@ mod tests {
             value,
             set,
         });
-        let text = written(&told);
-        let set: Vec<Change> = (told.iter().filter(|t| t.set))
-            .map(|t| Change {
-                setting: t.setting,
-                value: Some(t.value),
-            })
-            .collect();
-        assert_eq!(settings(&changes(&text).unwrap()), settings(&set));
-        assert!(text.contains("# address = 0x0A1B"), "{text}");
+        let set = |but: Option<Setting>| -> Vec<Change> {
+            (told.iter().filter(|t| t.set))
+                .filter(|t| but.is_none_or(|but| t.setting != but.number()))
+                .map(|t| Change {
+                    setting: t.setting,
+                    value: Some(t.value),
+                })
+                .collect()
+        };
+        let all = written(&told, true);
+        assert_eq!(settings(&changes(&all).unwrap()), settings(&set(None)));
+        assert!(all.contains("# address = 0x0A1B"), "{all}");
+
+        // Without what is this board's alone, and it says why.
+        let text = written(&told, false);
+        let others = set(Some(Setting::TxAntennaDelay));
+        assert_eq!(settings(&changes(&text).unwrap()), settings(&others));
+        let reason = "right for no other; `nova config export --all` exports it.\n";
+        let held_back = format!("{reason}# antenna_delay.tx_ticks = 16400\n");
+        assert_eq!(text.matches(reason).count(), 1, "{text}");
+        assert!(text.contains(&held_back), "{text}");
     }
 
     #[test]

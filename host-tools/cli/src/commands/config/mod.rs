@@ -46,10 +46,13 @@ enum Action {
         #[arg(value_name = "NAME=VALUE", required = true)]
         changes: Vec<String>,
     },
-    /// Write the settings as a TOML file.
+    /// Write the settings as a TOML file that can go to other boards.
     Export {
         #[command(flatten)]
         port: Port,
+        /// With what belongs to this board alone as well, its address and antenna delays: to keep it, not for another.
+        #[arg(long)]
+        all: bool,
         /// Where to; standard output if left out.
         #[arg(long, short, value_name = "FILE")]
         output: Option<PathBuf>,
@@ -137,8 +140,8 @@ impl Config {
                     .collect::<Result<_>>()?;
                 set(&mut port.open()?, &changes)
             }
-            Action::Export { port, output } => {
-                let text = file::written(&settings(&mut port.open()?)?);
+            Action::Export { port, all, output } => {
+                let text = file::written(&settings(&mut port.open()?)?, all);
                 match output {
                     Some(path) => write_whole(&path, text),
                     None => Ok(std::io::stdout().lock().write_all(text.as_bytes())?),
