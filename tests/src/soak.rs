@@ -43,7 +43,8 @@ impl Faults {
                 brown_outs_per_s: 0.02,
                 stuck_receivers_per_s: 0.02,
             },
-            uart_stall: SimDuration::from_ms(300),
+            // The board holds less than half a second's records.
+            uart_stall: SimDuration::from_ms(2_000),
         }
     }
 }

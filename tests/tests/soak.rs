@@ -26,7 +26,7 @@ const NONE: Faults = Faults {
 
 #[test]
 fn with_everything_going_wrong_nothing_hangs_and_no_wrong_range_passes() {
-    let report = soak(20_000, &Faults::all());
+    let report = soak(60_000, &Faults::all());
     assert!(report.passes());
     // All of it has been there, and all of it has been counted.
     let m = report.mishaps;

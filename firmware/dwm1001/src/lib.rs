@@ -14,7 +14,6 @@
 
 pub mod crash;
 pub mod identity;
-pub mod outbox;
 pub mod progress;
 pub mod pulse;
 

@@ -13,9 +13,9 @@ use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
+use nova_node::Outbox;
 use nova_wire::{Encoder, MAX_FRAME_LEN, Record};
 
-use crate::outbox::Outbox;
 use crate::pins::UartPins;
 
 bind_interrupts!(struct Irqs {

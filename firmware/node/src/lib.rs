@@ -20,6 +20,8 @@
 //!   keeper.rs      Keeper: commands, answers
 //!   store.rs       Store: settings in flash, whole or as they were
 //!   settings.rs    from settings to the configuration
+//!
+//!   outbox.rs      Outbox: frames that wait for the line to the host
 //! ```
 #![no_std]
 
@@ -32,6 +34,7 @@ mod diagnostics;
 mod judge;
 mod keeper;
 mod node;
+mod outbox;
 mod peers;
 mod phy;
 mod radio;
@@ -43,6 +46,7 @@ pub use bus::{RadioBus, SpiBusWithSpeed, SpiSpeed};
 pub use config::{AntennaDelay, ConfigError, NodeConfig, Part, SetAntennaDelay};
 pub use keeper::{Keeper, Then};
 pub use node::{Node, StartError};
+pub use outbox::Outbox;
 pub use peers::MAX_PEERS;
 pub use radio::RadioError;
 

@@ -66,6 +66,11 @@ impl<const N: usize> Outbox<N> {
         filled
     }
 
+    /// Whether nothing waits.
+    pub fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
     /// How many frames were dropped since this was asked last.
     pub fn take_dropped(&mut self) -> u32 {
         core::mem::take(&mut self.dropped)
@@ -92,7 +97,11 @@ impl<const N: usize> Default for Outbox<N> {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
     use super::*;
+    use std::vec;
+    use std::vec::Vec;
 
     fn frame(tag: u8, length: usize) -> Vec<u8> {
         vec![tag; length]

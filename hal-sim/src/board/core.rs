@@ -29,7 +29,7 @@ pub(crate) struct BoardState {
     pub(crate) finished: bool,
     pub(crate) uart: UartState,
     pub(crate) flash: Flash,
-    mcu: McuClock,
+    pub(super) mcu: McuClock,
     irq_latency: SimDuration,
     spi: SpiTiming,
     spi_hz: u32,

@@ -116,6 +116,13 @@ impl UartTx {
             .with_board(|board, now| board.uart.write(now, bytes))
             .unwrap_or(0)
     }
+
+    /// When all that was queued is out, on the processor's clock, in microseconds; that of now, or before, if it is.
+    pub fn idle_at_us(&self) -> u64 {
+        self.0
+            .with_board(|board, _| board.mcu.us_at(board.uart.to_host_busy_until) + 1)
+            .unwrap_or(0)
+    }
 }
 
 /// Receives bytes from the host.

@@ -3,13 +3,15 @@
 //! is spent where, and it is charged there.
 
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
-use nova_hal_sim::board::SpiDev;
+use nova_hal_sim::board::{SpiDev, UartTx};
 use nova_hal_sim::flash::PAGE_BYTES;
 use nova_hal_sim::{
     BoardConfig, BoardHal, BoardId, SimDuration, Simulation, SpiTiming, UartConfig,
 };
 use nova_node::cost::{DWM1001, RECORD_NS};
-use nova_node::{ConfigError, Keeper, Node, NodeConfig, RadioBus, SpiBusWithSpeed, SpiSpeed, Then};
+use nova_node::{
+    ConfigError, Keeper, Node, NodeConfig, Outbox, RadioBus, SpiBusWithSpeed, SpiSpeed, Then,
+};
 use nova_wire::{Encoder, MAX_FRAME_LEN, Record, ResetCause};
 
 /// SPI clocks as on the board, in Hz.
@@ -18,6 +20,13 @@ const FAST_HZ: u32 = 8_000_000;
 
 /// Bits per second of the board's serial port.
 pub const BAUD: u32 = 1_000_000;
+
+/// What waits for the line, and the most that goes out at once: as on the board.
+const OUTBOX_BYTES: usize = 4096;
+const CHUNK_BYTES: usize = 255;
+
+/// How long a board that is told to start anew waits for its last words to leave, in microseconds.
+const LAST_WORDS_US: u64 = 50_000;
 
 /// Where the node keeps its settings in the simulated flash.
 pub const SETTINGS_FLASH: std::ops::Range<u32> = 0..4 * PAGE_BYTES as u32;
@@ -36,7 +45,7 @@ pub fn add(
     let board = BoardConfig {
         uart: UartConfig {
             baud: BAUD,
-            ..board.uart
+            buffer_bytes: CHUNK_BYTES,
         },
         // What the caller adds to the usual cost of a transaction comes on top.
         spi: SpiTiming {
@@ -132,9 +141,13 @@ fn live(hal: &BoardHal, board: NodeConfig) -> Option<End> {
     let (bus, reset) = (radio_bus(hal), hal.rst());
     let mut node = Node::new(bus, reset, hal.delay(), keeper.config()).ok()?;
     let mut encoder = Encoder::new();
-    let (mut uart, mut from_host) = (hal.uart(), hal.uart_rx());
+    let mut line = Line {
+        hal,
+        uart: hal.uart(),
+        outbox: Outbox::new(),
+    };
+    let mut from_host = hal.uart_rx();
     loop {
-        let mut dropped = 0;
         let mut emit = |record: &Record| {
             // What has no power says nothing.
             if flash.is_without_power() {
@@ -142,10 +155,9 @@ fn live(hal: &BoardHal, board: NodeConfig) -> Option<End> {
             }
             let mut buffer = [0; MAX_FRAME_LEN];
             hal.charge_cpu_ns(RECORD_NS.into());
-            let sent = encoder
-                .encode(record, &mut buffer)
-                .is_ok_and(|frame| uart.write(frame) == frame.len());
-            dropped += u32::from(!sent);
+            if let Ok(frame) = encoder.encode(record, &mut buffer) {
+                line.outbox.push(frame);
+            }
         };
         let now_us = || hal.now_us() - start_us;
         let mut then = Then::GoOn;
@@ -155,15 +167,55 @@ fn live(hal: &BoardHal, board: NodeConfig) -> Option<End> {
             then = keeper.on_bytes(bytes, &mut node, now_us(), &mut emit);
         }
         let wake_us = node.service(now_us(), &mut emit);
-        node.count_dropped_records(dropped);
+        node.count_dropped_records(line.outbox.take_dropped());
         if flash.is_without_power() {
             return Some(End::PowerLost);
         }
         if then == Then::Reboot {
+            line.say_last_words();
             return Some(End::Rebooted);
         }
-        hal.wait_event_until(start_us.saturating_add(wake_us));
+        line.wait_until(start_us.saturating_add(wake_us));
         // Interrupt, executor, and back into the node.
         hal.charge_cpu_ns(DWM1001.wake_ns.into());
+    }
+}
+
+/// The line to the host. What waits for it goes out in the background.
+struct Line<'a> {
+    hal: &'a BoardHal,
+    uart: UartTx,
+    outbox: Outbox<OUTBOX_BYTES>,
+}
+
+impl Line<'_> {
+    /// Starts the next transfer if the last is over. When that which runs will be, if anything waits for it.
+    fn go_on(&mut self) -> Option<u64> {
+        if self.outbox.is_empty() {
+            return None;
+        }
+        if self.uart.idle_at_us() <= self.hal.now_us() {
+            let mut chunk = [0; CHUNK_BYTES];
+            let count = self.outbox.pop(&mut chunk);
+            self.uart.write(chunk.get(..count).unwrap_or_default());
+        }
+        (!self.outbox.is_empty()).then(|| self.uart.idle_at_us())
+    }
+
+    /// Waits for the radio, the host, or until the processor's clock shows `wake_us`.
+    fn wait_until(&mut self, wake_us: u64) {
+        while let Some(idle_us) = self.go_on().filter(|&idle_us| idle_us < wake_us) {
+            if self.hal.wait_event_until(idle_us) || self.hal.now_us() < idle_us {
+                return;
+            }
+        }
+        self.hal.wait_event_until(wake_us);
+    }
+
+    fn say_last_words(&mut self) {
+        let until_us = self.hal.now_us() + LAST_WORDS_US;
+        while let Some(idle_us) = self.go_on().filter(|&idle_us| idle_us < until_us) {
+            self.hal.sleep_until(idle_us);
+        }
     }
 }
