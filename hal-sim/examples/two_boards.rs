@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
 
     println!(
-        "  t [s]  true [m]  measured [m] (the crate takes the clock for 64 GHz: 0.16 % short)"
+        "  t [s]  true [m]  measured [m] (the crate takes the clock for 64 GHz, 0.16 % short, and leaves the bias in)"
     );
     for second in 1..=5 {
         let t = SimTime::from_s_f64(f64::from(second));

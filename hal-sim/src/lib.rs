@@ -32,7 +32,8 @@
 //! - Immediate and delayed transmission on the 512-tick grid, late ones (HPDWARN, TXPUTE), FCS suppression and its
 //!   cancelling, WAIT4RESP, smart transmit power.
 //! - Reception from preamble to FCS with real bytes and CRC, timeouts, frame filtering, auto re-enable, double buffer,
-//!   overrun; time stamps with noise, both antenna delays, and the error after a missing receiver reset.
+//!   overrun; time stamps with noise, both antenna delays, the bias that follows the receive power (APS011), and the
+//!   error after a missing receiver reset.
 //! - RX power, first-path power, RXPACC, carrier integrator, time tracking, a made-up impulse response.
 //! - The processor's flash: page erase, word writes, how often each is allowed, and power lost in the middle of them.
 //! - Path loss, flight time, moving boards, obstructed links, loss, scripted faults, collisions with capture.
@@ -45,7 +46,7 @@
 //! - Tuning registers (AGC, DRX, RF, TC, PLL, LDE): wrong values cost nothing, except the PAC size in DRX_TUNE2.
 //! - Resets of single blocks other than the receiver's.
 //! - Packet errors near the sensitivity limit: a frame is received or not. Multipath beyond a late or weak first path.
-//!   Range bias with power (APS011). Overlap of channels 2 and 4, or 5 and 7, counts as full overlap.
+//!   Overlap of channels 2 and 4, or 5 and 7, counts as full overlap.
 //! - Failures of the leading edge search (LDEERR).
 //! - Receive events cleared by RXAUTR: here they stay until the host clears them or enables the receiver.
 //! - Delayed transmissions that get lost without a flag (errata TX-1; APS022, section 5.4).

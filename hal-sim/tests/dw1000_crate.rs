@@ -13,7 +13,7 @@ use dw1000::ranging::{
 use dw1000::time::Duration;
 use dw1000::{DW1000, Error, Ready, RxConfig, TxConfig};
 use nova_hal_sim::board::{ChipSelect, Spi};
-use nova_hal_sim::chip::MASK_POWER_DBM;
+use nova_hal_sim::chip::{LevelReport, MASK_POWER_DBM, Quirks};
 use nova_hal_sim::clock::COUNTER_WRAP;
 use nova_hal_sim::phy::Channel;
 use nova_hal_sim::{
@@ -34,6 +34,12 @@ fn board(x_m: f64, ppm: f64) -> BoardConfig {
             ..ClockConfig::default()
         },
         motion: Motion::fixed([x_m, 0.0, 0.0]),
+        // That driver corrects neither.
+        quirks: Quirks {
+            range_bias: false,
+            level_report: LevelReport::Linear,
+            ..Quirks::default()
+        },
         ..BoardConfig::default()
     }
 }

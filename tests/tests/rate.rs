@@ -5,7 +5,7 @@
 use nova_hal_sim::SimConfig;
 use nova_node::NodeConfig;
 use nova_node::ranging::Address;
-use nova_node::ranging::phy::PhyProfile;
+use nova_node::ranging::phy::{Bitrate, PhyProfile, Preamble};
 use nova_tests::{BoardLog, Network, anchor_polling, board_at};
 
 const SECONDS: f64 = 4.0;
@@ -99,8 +99,15 @@ fn every_mode_of_the_radio_ranges() {
         let (anchor, tag) = pair(phy, 200_000);
         let rate = rate(&anchor);
         assert!((4.5..5.5).contains(&rate), "{phy}: {rate} a second");
+        // At 6.8 Mbit/s and with 64 symbols frames are shorter or longer than 125 us, and smart power sends the shorter
+        // ones stronger: a node that corrects by what it received does not know at which level the other did.
+        let limit_m = if (phy.bitrate, phy.preamble) == (Bitrate::Kbps6800, Preamble::Symbols64) {
+            0.025
+        } else {
+            0.005
+        };
         assert!(
-            worst_error_m(&anchor) < 0.005,
+            worst_error_m(&anchor) < limit_m,
             "{phy}: {} m",
             worst_error_m(&anchor)
         );

@@ -768,11 +768,14 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             .unwrap_or_default();
         let initiator = matches!(self.playing, Playing::Initiator(_));
         let quality = reception.quality(initiator);
+        let phy = &self.config.phy;
+        let bias_m = phy.range_bias_m(phy.prf.true_level_dbm(quality.rx_power_dbm));
         let mut range = Range {
             t_us: now_us.saturating_sub(u64::from(age_us)),
             peer: m.peer.0,
             exchange: m.round,
-            raw_m: m.two_way.range_m(SPEED_OF_LIGHT_AIR_M_PER_S) as f32,
+            raw_m: m.two_way.range_m(SPEED_OF_LIGHT_AIR_M_PER_S) as f32 - bias_m,
+            bias_m,
             clock_offset_ppm: m.two_way.clock_offset_ppm as f32,
             quality: Some(quality),
             flags: if initiator {

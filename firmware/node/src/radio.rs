@@ -291,8 +291,18 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
 
     /// How well the last frame was received. Valid until the next one comes.
     pub(crate) fn reception(&mut self) -> Result<Reception, RadioError> {
-        let info = ll!(self.ll().rx_finfo().read())?;
-        let quality = ll!(self.ll().rx_fqual().read())?;
+        // Ranges are corrected by the power that follows from these.
+        let [preamble_count, response_power, noise, f2, f3] = self.the_same_twice(|radio| {
+            let info = ll!(radio.ll().rx_finfo().read())?;
+            let quality = ll!(radio.ll().rx_fqual().read())?;
+            Ok([
+                info.rxpacc(),
+                quality.cir_pwr(),
+                quality.std_noise(),
+                quality.fp_ampl2(),
+                quality.fp_ampl3(),
+            ])
+        })?;
         let time = ll!(self.ll().rx_time().read())?;
         let peak = ll!(self.ll().lde_ppindx().read())?;
         // DRX_CAR_INT, which `ll` takes for two bytes of its three (7.2.40.11),
@@ -305,11 +315,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         let [_, _, low, mid, high, _, count_low, count_high] = digital;
         Ok(Reception {
             profile: self.profile,
-            first_path_amplitudes: [time.fp_ampl1(), quality.fp_ampl2(), quality.fp_ampl3()],
-            response_power: quality.cir_pwr(),
-            preamble_count: info.rxpacc(),
+            first_path_amplitudes: [time.fp_ampl1(), f2, f3],
+            response_power,
+            preamble_count,
             preamble_count_unsaturated: u16::from_le_bytes([count_low, count_high]),
-            noise: quality.std_noise(),
+            noise,
             first_path_index: time.fp_index(),
             peak_index: peak.value(),
             // Sign extension: the highest of the 21 bits goes to the top.
@@ -334,7 +344,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         // RXFLEN and RXFLE: ten bits.
         let len = u16::from_le_bytes([low, high & 0x03]);
         let len = usize::from(len.saturating_sub(FCS_LEN.into())).min(RX_BUFFER_LEN);
-        let at = self.stamp(header::READ_RX_TIME)?;
+        let at = self.the_same_twice(|radio| radio.stamp_once(header::READ_RX_TIME))?;
         let transfer = buffer.get_mut(..=len).ok_or(RadioError::Bus)?;
         if let Some(first) = transfer.first_mut() {
             *first = header::READ_RX_BUFFER;
@@ -384,17 +394,20 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         Ok(u32::from_le_bytes([a, b, c, d]))
     }
 
-    /// The 40 bits that RX_TIME begins with, the same twice: nothing else
-    /// guards them on the bus, and one wrong bit makes a wrong range.
-    fn stamp(&mut self, register: u8) -> Result<DeviceTime, RadioError> {
-        let mut stamp = self.stamp_once(register)?;
+    /// What two readings agree in: nothing else guards it on the bus, and one wrong bit makes
+    /// a wrong range.
+    fn the_same_twice<T: PartialEq>(
+        &mut self,
+        read: impl Fn(&mut Self) -> Result<T, RadioError>,
+    ) -> Result<T, RadioError> {
+        let mut first = read(self)?;
         for _ in 0..STAMP_TRIES {
-            let again = self.stamp_once(register)?;
-            if again == stamp {
-                return Ok(stamp);
+            let again = read(self)?;
+            if again == first {
+                return Ok(first);
             }
             self.bus_errors = self.bus_errors.wrapping_add(1);
-            stamp = again;
+            first = again;
         }
         Err(RadioError::Bus)
     }

@@ -17,6 +17,7 @@ fn stream() -> Vec<u8> {
             peer: 0xBEEF,
             exchange: k as u8,
             raw_m: k as f32 * 0.01,
+            bias_m: -0.0625,
             treatment: Treatment::Accepted,
             filtered: Some(Filtered {
                 range_m: k as f32 * 0.01,

@@ -142,8 +142,11 @@ pub struct Range {
     pub peer: u16,
     /// Number of the exchange, counted by the initiator, wrapping.
     pub exchange: u8,
-    /// The range as measured, in metres; negative when noise makes it so.
+    /// The range as measured, less its bias, in metres; negative when noise makes it so.
     pub raw_m: f32,
+    /// What strong and weak signals make ranges too long by, in metres, at the power of `quality`
+    /// (application note APS011); it has been taken off `raw_m`.
+    pub bias_m: f32,
     /// What the node's filter did with the raw range.
     pub treatment: Treatment,
     /// The filter's estimate after this range, if it has one.

@@ -42,6 +42,7 @@ fn records() -> [Record; 3] {
             peer: 0x0102,
             exchange: 200,
             raw_m: 12.5,
+            bias_m: -0.0625,
             treatment: Treatment::Accepted,
             filtered: Some(Filtered {
                 range_m: 12.25,

@@ -15,6 +15,7 @@ fn range(k: u32) -> Record {
         peer: 0xBEEF,
         exchange: k as u8,
         raw_m: k as f32 * 0.01 - 1.0,
+        bias_m: -0.0625,
         treatment: Treatment::Accepted,
         filtered: k.is_multiple_of(3).then_some(Filtered {
             range_m: k as f32 * 0.01,

@@ -33,8 +33,10 @@ use super::config::LevelReport;
 /// Register contents of one reception.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Diagnostics {
-    /// RXPACC and RXPACC_NOSAT.
+    /// RXPACC.
     pub(crate) rxpacc: u16,
+    /// RXPACC_NOSAT.
+    pub(crate) rxpacc_nosat: u16,
     pub(crate) std_noise: u16,
     pub(crate) fp_ampl: [u16; 3],
     pub(crate) cir_pwr: u16,
@@ -62,6 +64,10 @@ pub(crate) struct Reception {
 /// Standard deviation of the accumulator's noise is this times the root of the accumulation count (recordings show
 /// 40 to 48 at about 290 symbols).
 const NOISE_PER_ROOT_SYMBOL: f64 = 2.6;
+/// A strong signal is no longer accumulated when CIR_PWR has come to this, half of what it can hold: of 17 160 recorded
+/// receptions with preambles of 1536 symbols the largest is 35 469, and above -80 dBm only some 280 symbols count
+/// (IIoT19 data set). That RXPACC_NOSAT counts on is taken from the manual's word for saturation (7.2.18).
+const MOST_CIR_POWER: f64 = 32_768.0;
 /// Relative amplitudes of the three samples around the first path (a band-limited pulse; shape assumed).
 const PULSE: [f64; 3] = [0.88, 1.0, 0.92];
 /// The leading edge algorithm places the first path near this accumulator index.
@@ -69,9 +75,14 @@ const FIRST_PATH_INDEX: f64 = 745.0;
 
 pub(crate) fn diagnose(signal: &Signal, reception: &Reception) -> Diagnostics {
     let phy = &signal.wave.phy;
-    let n = f64::from(reception.symbols.max(1));
     let level = |dbm: f64| reported_dbm(dbm, phy.prf, reception.report);
-    let linear = |dbm: f64| 10f64.powf((level(dbm) + phy.prf.power_constant_db()) / 10.0) * n * n;
+    let a_symbol = |dbm: f64| 10f64.powf((level(dbm) + phy.prf.power_constant_db()) / 10.0);
+    let enough = (MOST_CIR_POWER * f64::from(1 << 17) / a_symbol(signal.wave.power_dbm)).sqrt();
+    let symbols = reception.symbols.max(1);
+    let accumulated = symbols.min(enough.max(1.0) as u16);
+    let counted = symbols + sfd_overshoot(phy.sfd, phy.rate);
+    let n = f64::from(accumulated);
+    let linear = |dbm: f64| a_symbol(dbm) * n * n;
 
     let pulse_energy: f64 = PULSE.iter().map(|a| a * a).sum();
     let first_path_unit = (linear(signal.first_path_dbm) / pulse_energy).sqrt();
@@ -84,7 +95,12 @@ pub(crate) fn diagnose(signal: &Signal, reception: &Reception) -> Diagnostics {
     let sender_ppm = signal.wave.clock_ppm - reception.own_ppm;
 
     Diagnostics {
-        rxpacc: reception.symbols + sfd_overshoot(phy.sfd, phy.rate),
+        rxpacc: if accumulated < symbols {
+            accumulated
+        } else {
+            counted
+        },
+        rxpacc_nosat: counted,
         std_noise: to_u16(NOISE_PER_ROOT_SYMBOL * n.sqrt()),
         fp_ampl,
         cir_pwr: to_u16(linear(signal.wave.power_dbm) / f64::from(1 << 17)),

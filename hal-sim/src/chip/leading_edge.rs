@@ -1,7 +1,7 @@
 //! The leading edge search (LDE): from a RMARKER to time stamp and diagnostics (User Manual 4.1.6, 7.2.23, 7.2.47).
 //!
 //! The time stamp is the RMARKER's arrival at the antenna, plus the true antenna delay, in the receiver's clock, plus
-//! noise, rounded to a tick, minus the antenna delay that LDE_RXANTD holds.
+//! noise and the bias of its level, rounded to a tick, minus the antenna delay that LDE_RXANTD holds.
 
 use rand::RngExt as _;
 use rand_distr::{Distribution as _, StandardNormal};
@@ -14,6 +14,7 @@ use super::Chip;
 use super::accumulator::Accumulator;
 use super::bits::{file, status, sub};
 use super::diagnostics::{Diagnostics, Reception, diagnose};
+use super::range_bias::stamp_bias_ticks;
 use super::receiver::{Lock, RxEvent};
 
 /// The coarse time stamp is a multiple of 512 ticks, on average this much before the corrected one (recorded
@@ -54,6 +55,10 @@ impl Chip {
             .clock
             .phase_at(internal)
             .plus_ticks_f64(normal * self.rx_noise_ticks);
+        if self.quirks.range_bias {
+            let (channel, prf) = (wave.phy.channel, wave.phy.prf);
+            phase = phase.plus_ticks_f64(stamp_bias_ticks(channel, prf, wave.power_dbm));
+        }
         let limit = i128::from(self.quirks.stale_receiver_error_ticks);
         if self.receiver.stale && limit > 0 {
             phase = phase.plus_ticks(self.rng.random_range(-limit..=limit));
@@ -113,7 +118,12 @@ impl Chip {
                 d.carrier_integrator as u32 & 0x1F_FFFF,
                 3,
             ),
-            (file::DRX_CONF, sub::RXPACC_NOSAT, u32::from(d.rxpacc), 2),
+            (
+                file::DRX_CONF,
+                sub::RXPACC_NOSAT,
+                u32::from(d.rxpacc_nosat),
+                2,
+            ),
         ];
         for (id, offset, value, len) in storage {
             self.registers.set(id, offset, &value.to_le_bytes()[..len]);

@@ -10,7 +10,7 @@
 //! | `status` | SYS_STATUS, the interrupt line, event counters |
 //! | `transmitter`, `receiver` | the two halves of the radio |
 //! | `outcome`, `filter`, `buffers` | how receptions end, the address filter, the double receive buffer |
-//! | `leading_edge`, `diagnostics`, `accumulator` | time stamps and what else the chip reports about a reception |
+//! | `leading_edge`, `range_bias`, `diagnostics`, `accumulator` | time stamps and what else the chip reports about a reception |
 
 mod access;
 mod accumulator;
@@ -23,6 +23,7 @@ mod leading_edge;
 mod otp;
 mod outcome;
 mod power;
+mod range_bias;
 mod receiver;
 mod registers;
 mod settings;

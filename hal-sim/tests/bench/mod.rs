@@ -1,7 +1,7 @@
 //! Chips on a bench: a world without boards, its registers reached by hand.
 #![allow(dead_code, unreachable_pub)] // each test file uses its own part
 
-use nova_hal_sim::chip::{ChipConfig, Quirks};
+use nova_hal_sim::chip::{ChipConfig, LevelReport, Quirks};
 use nova_hal_sim::world::ChipId;
 use nova_hal_sim::{ChannelConfig, ClockConfig, Motion, SimDuration, SimTime, World};
 
@@ -59,12 +59,15 @@ pub struct Bench {
     pub world: World,
 }
 
-/// A chip `x_m` along the x axis with a perfect clock that no trim changes, so that all chips share one time base.
+/// A chip `x_m` along the x axis with a perfect clock that no trim changes, so that all chips share one time base; its
+/// time stamps and power figures do not depend on the level.
 pub fn at(x_m: f64) -> ChipConfig {
     ChipConfig {
         motion: Motion::fixed([x_m, 0.0, 0.0]),
         quirks: Quirks {
             xtal_trim_ppm_per_step: 0.0,
+            range_bias: false,
+            level_report: LevelReport::Linear,
             ..Quirks::default()
         },
         ..ChipConfig::default()

@@ -15,6 +15,7 @@ fn range(raw_m: f32) -> Record {
         peer: 0x1234,
         exchange: 9,
         raw_m,
+        bias_m: -0.0625,
         treatment: Treatment::RejectedOutlier,
         filtered: None,
         clock_offset_ppm: 1.25,
