@@ -29,6 +29,7 @@
 //!   write-1-to-clear, mask, polarity; event counters; OTP; crystal trim.
 //! - Start-up, RST, soft resets of the chip and of the receiver, PLL lock and what fast SPI does before it, loading of
 //!   the LDE microcode.
+//! - SLEEP and DEEPSLEEP: what survives them, waking by chip select or counter, the charge that is drawn.
 //! - Immediate and delayed transmission on the 512-tick grid, late ones (HPDWARN, TXPUTE), FCS suppression and its
 //!   cancelling, WAIT4RESP, smart transmit power.
 //! - Reception from preamble to FCS with real bytes and CRC, timeouts, frame filtering, auto re-enable, double buffer,
@@ -41,7 +42,7 @@
 //!   that go deaf; a host that does not read.
 //!
 //! # Not modelled
-//! - Sleep, snooze, wake-up and the AON memory; automatic acknowledgement; external sync; GPIO, LEDs, temperature and
+//! - Snooze and low-power listening; automatic acknowledgement; external sync; GPIO, LEDs, temperature and
 //!   voltage; sniff mode; test modes. Their registers are plain storage.
 //! - Tuning registers (AGC, DRX, RF, TC, PLL, LDE): wrong values cost nothing, except the PAC size in DRX_TUNE2.
 //! - Resets of single blocks other than the receiver's.

@@ -10,7 +10,7 @@ use std::rc::Rc;
 
 use crate::air::{ChannelConfig, Fault, LinkEffect};
 use crate::board::{BoardConfig, BoardHal, BoardState, Core, MishapStats, Port, UartChunk};
-use crate::chip::{ChipConfig, ChipStats};
+use crate::chip::{ChipConfig, ChipStats, Consumption};
 use crate::coroutine::{BoardCode, Outcome, PausePoint};
 use crate::error::SimError;
 use crate::time::{SimDuration, SimTime};
@@ -102,6 +102,7 @@ impl Simulation {
             otp: config.otp,
             timing: config.chip_timing,
             quirks: config.quirks,
+            supply_currents: config.supply_currents,
         });
         drop(core);
         let pause = PausePoint::default();
@@ -238,6 +239,11 @@ impl Simulation {
     /// True distance between two boards at `t`, in metres.
     pub fn true_distance_m(&self, a: BoardId, b: BoardId, t: SimTime) -> f64 {
         self.core.borrow().world.true_distance_m(a, b, t)
+    }
+
+    /// What a board's DW1000 has drawn from its supply so far.
+    pub fn consumption(&self, board: BoardId) -> Option<Consumption> {
+        self.core.borrow().world.consumption(board)
     }
 
     /// Adds scripted damage to frames.

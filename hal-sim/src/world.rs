@@ -17,7 +17,7 @@ use crate::air::{
     ChannelConfig, Fault, FaultAction, FrameId, FramesInFlight, LinkEffect, OutgoingFrame, Signal,
     distance_m,
 };
-use crate::chip::{Chip, ChipConfig, ChipEvent, ChipStats, Request};
+use crate::chip::{Chip, ChipConfig, ChipEvent, ChipStats, Consumption, Request};
 use crate::time::{SimDuration, SimTime};
 
 /// Identifies a chip in its world.
@@ -160,6 +160,7 @@ impl World {
         if let Some(Reverse(event)) = self.queue.pop() {
             self.now = self.now.max(event.at);
             if let Some(slot) = self.slots.get_mut(event.chip.0) {
+                slot.chip.settle(self.now);
                 slot.chip.on_event(self.now, event.event, &self.frames);
                 self.serve(event.chip);
             }
@@ -168,7 +169,7 @@ impl World {
 
     /// Chip select goes low at `t`: a transaction begins.
     pub fn spi_select(&mut self, chip: ChipId, t: SimTime) {
-        self.with_chip(chip, t, |chip, _| chip.select());
+        self.with_chip(chip, t, |chip, now| chip.select(now));
     }
 
     /// Clocks bytes within a transaction, starting at `t`. Reads sample the registers at `t`. `miso` is filled as far
@@ -239,6 +240,11 @@ impl World {
         self.chip(chip).map(Chip::stats).unwrap_or_default()
     }
 
+    /// What a chip has drawn from its supply until now; `None` for an id of another world.
+    pub fn consumption(&self, chip: ChipId) -> Option<Consumption> {
+        Some(self.chip(chip)?.consumption(self.now))
+    }
+
     /// Counts of what happened on the air.
     pub fn air_stats(&self) -> AirStats {
         self.stats
@@ -271,6 +277,7 @@ impl World {
     fn with_chip(&mut self, id: ChipId, t: SimTime, act: impl FnOnce(&mut Chip, SimTime)) {
         self.advance_to(t);
         if let Some(slot) = self.slots.get_mut(id.0) {
+            slot.chip.settle(self.now);
             act(&mut slot.chip, self.now);
             self.serve(id);
         }

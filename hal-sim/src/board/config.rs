@@ -2,7 +2,7 @@
 
 use super::mishaps::Mishaps;
 use crate::air::Motion;
-use crate::chip::{ChipConfig, ChipTiming, OtpConfig, Quirks};
+use crate::chip::{ChipConfig, ChipTiming, OtpConfig, Quirks, SupplyCurrents};
 use crate::clock::ClockConfig;
 use crate::flash::Flash;
 use crate::time::SimDuration;
@@ -28,6 +28,8 @@ pub struct BoardConfig {
     pub chip_timing: ChipTiming,
     /// Less than ideal behaviour of the DW1000.
     pub quirks: Quirks,
+    /// What the DW1000 draws, state by state.
+    pub supply_currents: SupplyCurrents,
     /// Frequency error of the processor's crystal in ppm.
     pub mcu_ppm: f64,
     /// From power-on (time zero) until the board's code begins.
@@ -60,6 +62,7 @@ impl Default for BoardConfig {
             otp: chip.otp,
             chip_timing: chip.timing,
             quirks: chip.quirks,
+            supply_currents: chip.supply_currents,
             mcu_ppm: 0.0,
             boot_delay: SimDuration::from_ms(5),
             irq_latency: SimDuration::from_us(2),

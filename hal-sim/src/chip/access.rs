@@ -20,8 +20,9 @@ use super::{Chip, RegisterFile};
 const MISO_IDLE: u8 = 0xFF;
 
 impl Chip {
-    pub(crate) fn select(&mut self) {
+    pub(crate) fn select(&mut self, now: SimTime) {
         self.stats.spi_transactions += 1;
+        self.on_chip_select(now, true);
         self.transaction = Some(Transaction::default());
     }
 
@@ -61,6 +62,7 @@ impl Chip {
     }
 
     pub(crate) fn deselect(&mut self, now: SimTime) {
+        self.on_chip_select(now, false);
         let Some(transaction) = self.transaction.take() else {
             return;
         };
@@ -171,6 +173,7 @@ impl Chip {
             file::DIG_DIAG if touches(0, 4) => self.on_evc_ctrl(now),
             file::OTP_IF if touches(sub::OTP_CTRL, 2) => self.on_otp_ctrl(now),
             file::PMSC if touches(sub::PMSC_CTRL0, 4) => self.on_pmsc_ctrl0(now),
+            file::AON if touches(sub::AON_CTRL, 1) => self.on_aon_ctrl(now),
             file::FS_CTRL if touches(sub::FS_XTALT, 1) => self.on_xtal_trim(now, trim_before),
             _ => {}
         }

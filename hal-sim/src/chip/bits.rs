@@ -31,6 +31,7 @@ pub(crate) mod file {
     pub(crate) const DRX_CONF: u8 = 0x27;
     pub(crate) const RF_CONF: u8 = 0x28;
     pub(crate) const FS_CTRL: u8 = 0x2B;
+    pub(crate) const AON: u8 = 0x2C;
     pub(crate) const OTP_IF: u8 = 0x2D;
     pub(crate) const LDE_IF: u8 = 0x2E;
     pub(crate) const DIG_DIAG: u8 = 0x2F;
@@ -45,7 +46,12 @@ pub(crate) mod sub {
     pub(crate) const DRX_CAR_INT: usize = 0x28;
     pub(crate) const RXPACC_NOSAT: usize = 0x2C;
     pub(crate) const RF_STATUS: usize = 0x2C;
+    pub(crate) const LDOTUNE: usize = 0x30;
     pub(crate) const FS_XTALT: usize = 0x0E;
+    pub(crate) const AON_WCFG: usize = 0x00;
+    pub(crate) const AON_CTRL: usize = 0x02;
+    pub(crate) const AON_CFG0: usize = 0x06;
+    pub(crate) const AON_CFG1: usize = 0x0A;
     pub(crate) const OTP_ADDR: usize = 0x04;
     pub(crate) const OTP_CTRL: usize = 0x06;
     pub(crate) const OTP_RDAT: usize = 0x0A;
@@ -131,6 +137,22 @@ pub(crate) mod pmsc {
     pub(crate) const SOFTRESET_NONE: u32 = 0xF;
     pub(crate) const SOFTRESET_RX: u32 = 0xE;
     pub(crate) const LDERUNE: u32 = 1 << 17;
+}
+
+/// AON_WCFG, AON_CTRL, AON_CFG0 and AON_CFG1, 7.2.45.
+pub(crate) mod aon {
+    pub(crate) const ONW_LEUI: u16 = 1 << 3;
+    pub(crate) const ONW_LDC: u16 = 1 << 6;
+    pub(crate) const ONW_LLDE: u16 = 1 << 11;
+    pub(crate) const ONW_LLDO: u16 = 1 << 12;
+    pub(crate) const RESTORE: u8 = 1 << 0;
+    pub(crate) const SAVE: u8 = 1 << 1;
+    pub(crate) const UPL_CFG: u8 = 1 << 2;
+    pub(crate) const SLEEP_EN: u32 = 1 << 0;
+    pub(crate) const WAKE_SPI: u32 = 1 << 2;
+    pub(crate) const WAKE_CNT: u32 = 1 << 3;
+    pub(crate) const SLEEP_CEN: u16 = 1 << 0;
+    pub(crate) const SMXX: u16 = 1 << 1;
 }
 
 /// OTP_CTRL, 7.2.46.

@@ -5,6 +5,7 @@ use crate::clock::ClockConfig;
 use crate::time::SimDuration;
 
 use super::otp::OtpConfig;
+use super::supply::SupplyCurrents;
 
 /// A chip, its crystal, its antenna and where it is.
 #[derive(Debug)]
@@ -26,6 +27,8 @@ pub struct ChipConfig {
     pub timing: ChipTiming,
     /// Less than ideal behaviour.
     pub quirks: Quirks,
+    /// Supply currents by state.
+    pub supply_currents: SupplyCurrents,
 }
 
 impl Default for ChipConfig {
@@ -39,6 +42,7 @@ impl Default for ChipConfig {
             otp: OtpConfig::default(),
             timing: ChipTiming::default(),
             quirks: Quirks::default(),
+            supply_currents: SupplyCurrents::default(),
         }
     }
 }
@@ -49,6 +53,11 @@ pub struct ChipTiming {
     /// From power-on or release of RST until SPI answers (INIT state): the crystal starts. Assumed; drivers wait
     /// 2 ms or more after RST, and the manual has some 4 ms from power-on (2.4, figure 9).
     pub start_up: SimDuration,
+    /// How long chip select has to stay low to wake the chip (User Manual 2.3.2: nominally 500 us).
+    pub wake_cs_hold: SimDuration,
+    /// From the wake-up event until SPI answers (INIT state): the crystal starts, the AON memory is copied back. Some 4 ms
+    /// (User Manual 2.3.2; the vendor's driver waits 5).
+    pub wake_up: SimDuration,
     /// From INIT until the clock PLL has locked (IDLE state; User Manual 2.4, figure 9: 7 us and 5 us).
     pub pll_lock: SimDuration,
     /// From LDELOAD until the microcode is loaded (User Manual 2.5.5.10: 150 us).
@@ -70,6 +79,8 @@ impl Default for ChipTiming {
     fn default() -> Self {
         ChipTiming {
             start_up: SimDuration::from_us(1_000),
+            wake_cs_hold: SimDuration::from_us(500),
+            wake_up: SimDuration::from_us(4_000),
             pll_lock: SimDuration::from_us(12),
             lde_load: SimDuration::from_us(150),
             tx_start_up: SimDuration::from_us(10),

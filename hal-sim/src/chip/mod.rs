@@ -7,6 +7,8 @@
 //! |---|---|
 //! | `spi`, `access` | transactions and the side effects of reading and writing registers |
 //! | `power` | reset, clock, PLL, microcode, OTP |
+//! | `sleep` | SLEEP and DEEPSLEEP, what is kept in them, waking |
+//! | `supply` | the charge that is drawn |
 //! | `status` | SYS_STATUS, the interrupt line, event counters |
 //! | `transmitter`, `receiver` | the two halves of the radio |
 //! | `outcome`, `filter`, `buffers` | how receptions end, the address filter, the double receive buffer |
@@ -27,14 +29,17 @@ mod range_bias;
 mod receiver;
 mod registers;
 mod settings;
+mod sleep;
 mod spi;
 mod status;
+mod supply;
 mod transmitter;
 mod tx_power;
 
 pub use config::{ChipConfig, ChipTiming, LevelReport, Quirks};
 pub use diagnostics::carrier_integrator;
 pub use otp::OtpConfig;
+pub use supply::{Consumption, SupplyCurrents};
 pub use tx_power::MASK_POWER_DBM;
 
 use rand::SeedableRng as _;
@@ -48,8 +53,10 @@ use buffers::ReceiveBuffers;
 use power::Power;
 use receiver::Receiver;
 use registers::RegisterFile;
+use sleep::Aon;
 use spi::Transaction;
 use status::Status;
+use supply::Supply;
 use transmitter::Transmitter;
 
 /// Something a chip wants from the world.
@@ -88,6 +95,8 @@ pub struct ChipStats {
     pub read_only_writes: u64,
     /// Transactions while the chip could not answer (reset, start-up, killed).
     pub unanswered: u64,
+    /// Times the chip went to sleep.
+    pub sleeps: u64,
     /// Times the chip was killed by a fast SPI clock before its PLL had locked.
     pub killed_by_fast_spi: u64,
     /// TXSTRT or RXENAB while the radio was busy, in reset or set up with undefined values.
@@ -123,11 +132,14 @@ pub struct Chip {
     otp: OtpConfig,
     timing: ChipTiming,
     quirks: Quirks,
+    supply_currents: SupplyCurrents,
     air: ChannelConfig,
 
     registers: RegisterFile,
     clock: DeviceClock,
     power: Power,
+    aon: Aon,
+    supply: Supply,
     status: Status,
     transmitter: Transmitter,
     receiver: Receiver,
@@ -154,9 +166,12 @@ impl Chip {
             otp: config.otp,
             timing: config.timing,
             quirks: config.quirks,
+            supply_currents: config.supply_currents,
             air,
             registers: RegisterFile::new(),
             power: Power::default(),
+            aon: Aon::default(),
+            supply: Supply::default(),
             status: Status::default(),
             transmitter: Transmitter::default(),
             receiver: Receiver::default(),

@@ -6,18 +6,21 @@
 //!    ^                                                    ^  fast SPI: Dead      │ soft reset
 //!    └── RST low, from anywhere                           └──────────────────────┘
 //! ```
-//! `Init` and `Idle` are the chip's INIT and IDLE states (User Manual 2.3.2); only there does SPI answer.
+//! `Init` and `Idle` are the chip's INIT and IDLE states (User Manual 2.3.2); only there does SPI answer. Sleep: `sleep.rs`.
 
 use crate::clock::DeviceClock;
 use crate::time::{SimDuration, SimTime};
 
 use super::bits::{file, otp_ctrl, pmsc, status, sub};
-use super::{Chip, ChipEvent, RegisterFile};
+use super::{Aon, Chip, ChipEvent, RegisterFile};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PowerState {
     Reset,
     StartUp,
+    DeepSleep,
+    Sleep,
+    WakeUp,
     Init,
     Idle,
     /// A fast SPI clock hit the chip before its PLL had locked.
@@ -46,6 +49,10 @@ pub(crate) enum PowerEvent {
     Init,
     PllLocked,
     LdeLoaded,
+    /// Chip select went low so often, and has been low for long enough to wake the chip if it still is.
+    Held(u32),
+    /// The sleep counter has elapsed.
+    Wake,
 }
 
 /// FS_XTALT's five trim bits at mid-range, where [`ClockConfig::ppm`](crate::clock::ClockConfig) holds (the vendor's
@@ -57,6 +64,7 @@ impl Chip {
     pub(crate) fn set_reset(&mut self, now: SimTime, low: bool) {
         if low {
             self.clear_all();
+            self.aon = Aon::default();
             self.power.state = PowerState::Reset;
         } else if self.power.state == PowerState::Reset {
             self.start_up(now);
@@ -76,9 +84,13 @@ impl Chip {
     }
 
     fn enter_init(&mut self, now: SimTime) {
+        let woken = self.power.state == PowerState::WakeUp;
         self.power.state = PowerState::Init;
+        if woken {
+            self.load_on_wake();
+        }
         self.restart_clock(now);
-        if self.otp.eui != 0 {
+        if self.otp.eui != 0 && (!woken || self.loads_eui_on_wake()) {
             let eui = self.otp.eui.to_le_bytes();
             self.registers.set(file::EUI, 0, &eui);
         }
@@ -88,7 +100,7 @@ impl Chip {
     }
 
     /// Everything back to reset values; what was under way ends.
-    fn clear_all(&mut self) {
+    pub(super) fn clear_all(&mut self) {
         self.abort_transmission();
         self.receiver_off();
         self.power.epoch += 1;
@@ -100,7 +112,7 @@ impl Chip {
         self.transaction = None;
     }
 
-    fn ask_power(&mut self, at: SimTime, event: PowerEvent) {
+    pub(super) fn ask_power(&mut self, at: SimTime, event: PowerEvent) {
         self.ask(at, ChipEvent::Power(self.power.epoch, event));
     }
 
@@ -109,7 +121,13 @@ impl Chip {
             return;
         }
         match event {
-            PowerEvent::Init if self.power.state == PowerState::StartUp => self.enter_init(now),
+            PowerEvent::Init
+                if matches!(self.power.state, PowerState::StartUp | PowerState::WakeUp) =>
+            {
+                self.enter_init(now);
+            }
+            PowerEvent::Held(selections) => self.on_held(now, selections),
+            PowerEvent::Wake => self.wake(now),
             PowerEvent::PllLocked if self.power.state == PowerState::Init => {
                 self.power.state = PowerState::Idle;
                 self.status.raise(status::CPLOCK);

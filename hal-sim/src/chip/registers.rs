@@ -1,7 +1,7 @@
 //! The register file as storage: sizes, access kinds, reset values (User Manual chapter 7).
 //!
 //! What a register does is elsewhere; here it only keeps bytes. Sub-registers without behaviour in this model (AGC,
-//! GPIO, tuning values, AON ...) are exactly that: storage with the right reset value where the manual gives one.
+//! GPIO, tuning values ...) are exactly that: storage with the right reset value where the manual gives one.
 
 use super::bits::file;
 
@@ -53,7 +53,7 @@ const MAP: &[(u8, usize, Access)] = &[
     (file::RF_CONF, 58, ReadWrite),
     (0x2A, 52, ReadWrite), // TX_CAL
     (file::FS_CTRL, 21, ReadWrite),
-    (0x2C, 12, ReadWrite), // AON
+    (file::AON, 12, ReadWrite),
     (file::OTP_IF, 19, ReadWrite),
     (file::LDE_IF, 0x2806, ReadWrite),
     (file::DIG_DIAG, 41, ReadWrite),
@@ -88,8 +88,8 @@ const RESET: &[(u8, usize, &[u8])] = &[
     (file::FS_CTRL, 0x07, &0x0800_041Du32.to_le_bytes()), // FS_PLLCFG
     (file::FS_CTRL, 0x0B, &[0x46]),                   // FS_PLLTUNE
     (file::FS_CTRL, 0x0E, &[0x60]),                   // FS_XTALT
-    (0x2C, 0x06, &0x50FF_1FEEu32.to_le_bytes()),      // AON_CFG0
-    (0x2C, 0x0A, &0x0007u16.to_le_bytes()),           // AON_CFG1
+    (file::AON, 0x06, &0x50FF_1FEEu32.to_le_bytes()), // AON_CFG0
+    (file::AON, 0x0A, &0x0007u16.to_le_bytes()),      // AON_CFG1
     (file::LDE_IF, 0x0806, &[0x6C]),                  // LDE_CFG1
     (file::PMSC, 0x00, &0xF030_0200u32.to_le_bytes()), // PMSC_CTRL0
     (file::PMSC, 0x04, &0x8102_0738u32.to_le_bytes()), // PMSC_CTRL1
@@ -143,6 +143,13 @@ impl RegisterFile {
         let n = held.len().min(value.len());
         held.iter_mut().zip(value).for_each(|(h, v)| *h = *v);
         value.len() - n
+    }
+
+    /// Takes one register file over from `other`.
+    pub(crate) fn copy_file(&mut self, other: &RegisterFile, id: u8) {
+        if let Some(from) = other.files.get(usize::from(id)) {
+            self.set(id, 0, from);
+        }
     }
 
     /// A little-endian number of up to eight bytes.
