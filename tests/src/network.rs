@@ -56,6 +56,7 @@ pub fn anchor_polling(tag: Address, period_us: u32) -> NodeConfig {
             per_round: 1,
             peers: [tag].into_iter().collect(),
             sharing: Sharing::Elect,
+            sleep: false,
         },
         ..NodeConfig::anchor(Address(1))
     }

@@ -2,6 +2,7 @@
 //! come of it. tests/scenarios/README.md explains every key.
 
 use crate::network::{BoardLog, Network};
+use nova_hal_sim::chip::{ChipTiming, Consumption};
 use nova_hal_sim::{
     BoardConfig, ChannelConfig, ClockConfig, Fault, FaultAction, LinkEffect, Motion, SimConfig,
     SimDuration, SpiTiming,
@@ -45,7 +46,7 @@ pub struct Board {
     pub name: String,
     /// Short address.
     pub address: u16,
-    /// `tag`, `anchor` or `listener`, which sets the part.
+    /// `tag`, `anchor`, `listener` or `sleeper`, which sets the part.
     pub role: BoardRole,
     /// Where, in metres.
     pub position_m: [f64; 3],
@@ -79,6 +80,8 @@ pub struct Board {
     pub cpu_per_transaction_us: Option<u64>,
     /// From power-on until the board's code begins.
     pub boot_delay_ms: Option<u64>,
+    /// From the order to wake until a radio that sleeps answers.
+    pub wake_up_us: Option<u64>,
 }
 
 /// What a board is for.
@@ -91,6 +94,8 @@ pub enum BoardRole {
     Anchor,
     /// Listens.
     Listener,
+    /// A tag that polls, and sleeps in between.
+    Sleeper,
 }
 
 /// What stands between two boards.
@@ -157,6 +162,10 @@ pub struct Expectation {
     pub counters: BTreeMap<String, [u32; 2]>,
     /// Flags that all these ranges must have, as a number.
     pub flags: Option<u8>,
+    /// Least part of the time that the board's radio sleeps.
+    pub asleep_at_least: Option<f64>,
+    /// Most that the board's radio may draw on average, in microamperes.
+    pub current_below_ua: Option<f64>,
 }
 
 impl Scenario {
@@ -249,6 +258,10 @@ impl Scenario {
             let index = self.index(&expectation.board)?;
             let log = network.log(index).ok_or("no log")?;
             self.check(expectation, log, &mut unmet)?;
+            let id = self.id(&network, &expectation.board)?;
+            if let Some(drawn) = network.sim().consumption(id) {
+                self.check_supply(expectation, &drawn, &mut unmet);
+            }
         }
         if unmet.is_empty() { Ok(()) } else { Err(unmet) }
     }
@@ -319,6 +332,21 @@ impl Scenario {
         Ok(())
     }
 
+    fn check_supply(&self, e: &Expectation, drawn: &Consumption, unmet: &mut String) {
+        let asleep = drawn.asleep.as_s_f64() / self.duration_s;
+        let current_ua = drawn.charge_ua_s / self.duration_s;
+        if e.asleep_at_least.is_some_and(|least| asleep < least)
+            || e.current_below_ua.is_some_and(|most| current_ua > most)
+        {
+            let _ = writeln!(
+                unmet,
+                "{}: its radio slept {:.2} % of the time and drew {current_ua:.1} uA",
+                e.board,
+                100.0 * asleep
+            );
+        }
+    }
+
     fn index(&self, name: &str) -> Result<usize, String> {
         self.board
             .iter()
@@ -362,6 +390,11 @@ impl Board {
             },
             motion,
             rx_noise_ps: self.rx_noise_ps,
+            chip_timing: ChipTiming {
+                wake_up: (self.wake_up_us)
+                    .map_or(default.chip_timing.wake_up, SimDuration::from_us),
+                ..default.chip_timing
+            },
             boot_delay: self
                 .boot_delay_ms
                 .map_or(default.boot_delay, SimDuration::from_ms),
@@ -380,6 +413,7 @@ impl Board {
             BoardRole::Tag => NodeConfig::tag(address),
             BoardRole::Anchor => NodeConfig::anchor(address),
             BoardRole::Listener => NodeConfig::listener(address),
+            BoardRole::Sleeper => NodeConfig::sleeper(address),
         };
         config.reply_us = self.reply_us;
         if let Some(pan) = self.pan {

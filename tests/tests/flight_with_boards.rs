@@ -96,6 +96,7 @@ impl Boards {
             per_round: 1,
             peers: [Address(2)].into_iter().collect(),
             sharing: nova_node::Sharing::Elect,
+            sleep: false,
         };
         let vehicle = network
             .add(board("vehicle", 3.0, moving), initiator)

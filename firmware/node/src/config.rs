@@ -57,6 +57,8 @@ pub enum Part {
         peers: heapless::Vec<Address, MAX_PEERS>,
         /// How to share the air with other initiators.
         sharing: Sharing,
+        /// Whether the radio sleeps between rounds. Only with [`Sharing::Free`]: who sleeps hears nobody.
+        sleep: bool,
     },
 }
 
@@ -121,6 +123,8 @@ pub enum ConfigError {
     Phy(PhyError),
     /// The range filter cannot work like this.
     Filter(SettingsError),
+    /// The radio is to sleep between rounds and to listen there.
+    SleepListens,
     /// A reply time that cannot work: the answer's preamble would have to begin
     /// before the frame to be answered is over, or the radio's own time-out of 67 ms
     /// would not reach to the end of the answer. All in microseconds.
@@ -141,6 +145,9 @@ impl core::fmt::Display for ConfigError {
         match self {
             Self::Phy(error) => error.fmt(f),
             Self::Filter(error) => error.fmt(f),
+            Self::SleepListens => {
+                f.write_str("only who shares the air freely, and need not listen, can sleep")
+            }
             Self::ReplyTime { us, least, most } => write!(
                 f,
                 "a reply time of {us} us is not between {least} and {most} us"
@@ -184,8 +191,22 @@ impl NodeConfig {
             per_round: 4,
             peers: heapless::Vec::new(),
             sharing: Sharing::Elect,
+            sleep: false,
         };
         Self::new(address, Role::Anchor, part)
+    }
+
+    /// A tag that lives on little: it polls the responders around it ten times a second, up to four in a round, and its
+    /// radio sleeps in between.
+    pub const fn sleeper(address: Address) -> Self {
+        let part = Part::Initiator {
+            period_us: 100_000,
+            per_round: 4,
+            peers: heapless::Vec::new(),
+            sharing: Sharing::Free,
+            sleep: true,
+        };
+        Self::new(address, Role::Tag, part)
     }
 
     const fn new(address: Address, role: Role, part: Part) -> Self {
@@ -222,6 +243,15 @@ impl NodeConfig {
             && peers.contains(&own)
         {
             return Err(ConfigError::OwnPeer(own));
+        }
+        if let Part::Initiator {
+            sleep: true,
+            sharing,
+            ..
+        } = self.part
+            && sharing != Sharing::Free
+        {
+            return Err(ConfigError::SleepListens);
         }
         let us = self.reply_us();
         let least = self.frames_us();

@@ -40,6 +40,7 @@ mod phy;
 mod radio;
 mod settings;
 mod setup;
+mod sleep;
 pub mod store;
 
 pub use bus::{RadioBus, SpiBusWithSpeed, SpiSpeed};

@@ -1,5 +1,7 @@
 //! The node: radio, state machine, deadlines, counters and records.
 
+mod doze;
+
 use crate::bus::RadioBus;
 use crate::config::{AntennaDelay, ConfigError, NodeConfig, Part};
 use crate::diagnostics::Reception;
@@ -44,6 +46,9 @@ const SILENCE_US: u64 = 5_000_000;
 
 /// As is one that has given no range for that long although so many were tried.
 const FRUITLESS: u32 = 100;
+
+/// A round that begins so much later than due, when the radio has slept, is late.
+const LATE_US: u64 = 1_000;
 
 /// From a failed start of the radio to the next attempt.
 const RESTART_AFTER_US: u64 = 100_000;
@@ -121,6 +126,10 @@ struct Polling {
     /// The frame that is being sent is a beacon.
     beacon: bool,
     period_us: u64,
+    /// Whether the radio sleeps between rounds.
+    sleeps: bool,
+    /// The round that runs has begun late.
+    late: bool,
     /// When the next round is due.
     next_us: u64,
     /// When to look again whether it can begin.
@@ -144,6 +153,19 @@ enum Doing {
     },
     ListeningForEver {
         refresh_us: u64,
+    },
+    /// The radio sleeps.
+    Asleep {
+        since_us: u64,
+        /// When it is to be woken.
+        wake_us: u64,
+    },
+    /// The radio is waking.
+    Waking {
+        /// When to look whether it answers.
+        look_us: u64,
+        /// Until when it has to.
+        until_us: u64,
     },
     /// The radio is out of order; to be started again.
     Down {
@@ -332,6 +354,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
 
     /// Radio events first, then deadlines, then new rounds.
     fn run(&mut self, now_us: u64, emit: &mut impl FnMut(&Record)) -> Result<(), RadioError> {
+        if !self.wake_up(now_us)? {
+            return Ok(());
+        }
         // There may be nobody; or this radio is deaf, or mute, which looks the same.
         let mute = self.fruitless >= FRUITLESS && now_us >= self.measured_us + SILENCE_US;
         if mute || now_us >= self.heard_us + SILENCE_US {
@@ -598,7 +623,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Doing::Listening { until, .. } => self.listen(Some(until), now_us),
             Doing::ListeningForEver { .. } => self.listen(None, now_us),
             // Nothing to go on with: a damaged frame cannot come while sending.
-            Doing::Nothing | Doing::Sending { .. } | Doing::Down { .. } => Ok(None),
+            _ => Ok(None),
         }
     }
 
@@ -635,7 +660,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let missed = match self.doing {
             Doing::Sending { until_us, .. } => now_us >= until_us,
             Doing::Listening { until_us, .. } => now_us >= until_us + LISTEN_GUARD_US,
-            Doing::Nothing | Doing::ListeningForEver { .. } | Doing::Down { .. } => false,
+            _ => false,
         };
         if missed {
             // The radio has stopped answering.
@@ -671,7 +696,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let listening = match self.doing {
             Doing::Nothing => false,
             Doing::ListeningForEver { .. } => true,
-            Doing::Sending { .. } | Doing::Listening { .. } | Doing::Down { .. } => return Ok(()),
+            _ => return Ok(()),
         };
         let Playing::Initiator(polling) = &mut self.playing else {
             return Ok(());
@@ -680,6 +705,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let left_out = polling.air.take_left_out();
         let listens = polling.air.listens();
         let c = &mut self.counters;
+        c.late_wakeups = (c.late_wakeups).wrapping_add(core::mem::take(&mut polling.late).into());
         c.slots_left_out = c.slots_left_out.wrapping_add(left_out.slots);
         c.beacons_left_out = c.beacons_left_out.wrapping_add(left_out.beacons);
         match command {
@@ -692,7 +718,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 self.carry_out(command, now_us).map(|_| ())
             }
             None if listens && !listening => self.listen(None, now_us).map(|_| ()),
-            None => Ok(()),
+            None => self.fall_asleep(now_us),
         }
     }
 
@@ -744,6 +770,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Doing::ListeningForEver { refresh_us } => refresh_us
                 .min(self.next_check_us + PATIENCE_US)
                 .min(turn_us),
+            Doing::Asleep { wake_us, .. } => wake_us,
+            Doing::Waking { look_us, .. } => look_us,
             Doing::Down { retry_us } => retry_us,
         };
         radio_us.min(self.next_status_us + PATIENCE_US)
@@ -834,6 +862,7 @@ impl Playing {
                 per_round,
                 peers,
                 sharing,
+                sleep,
             } => {
                 let peers = Peers::new(peers, *per_round);
                 Self::Initiator(Polling {
@@ -852,6 +881,8 @@ impl Playing {
                     missed: false,
                     beacon: false,
                     period_us: u64::from(*period_us),
+                    sleeps: *sleep,
+                    late: false,
                     next_us: 0,
                     turn_us: 0,
                     spread: Spread::new(config.identity.address, config.reply_us()),
@@ -951,6 +982,7 @@ impl Polling {
                 None
             }
             Turn::Talk { until_us } => {
+                self.late = self.sleeps && now_us > self.next_us + LATE_US;
                 // Rounds that there was no time for are left out, not made up for.
                 self.next_us = (self.next_us + self.period_us).max(now_us);
                 self.missed = false;

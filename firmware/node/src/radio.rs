@@ -35,6 +35,9 @@ pub(crate) struct Radio<B, R, D> {
     /// TX_FCTRL without the frame's length.
     pub(crate) tx_fctrl: u32,
     pub(crate) set: Set,
+    /// What the factory's memory says of the crystal, and whether it holds LDO tuning.
+    pub(crate) crystal_trim: u8,
+    pub(crate) ldo_tuned: bool,
     /// A frame was taken out of the radio whose events it still shows.
     taken: bool,
     /// Times that the bus was seen to lose bits.
@@ -145,6 +148,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             sys_cfg: 0,
             tx_fctrl: 0,
             set: Set::default(),
+            crystal_trim: 0,
+            ldo_tuned: false,
             taken: false,
             bus_errors: 0,
         }

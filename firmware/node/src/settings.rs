@@ -52,6 +52,7 @@ pub(crate) fn configuration(board: &NodeConfig, settings: &Settings) -> NodeConf
                 peers: in_force.peers(),
                 sharing: (SHARING.get(number(Setting::Sharing) as usize).copied())
                     .unwrap_or_default(),
+                sleep: number(Setting::Sleep) != 0,
             },
             LISTENER => Part::Listener,
             _ => Part::Responder,
@@ -121,6 +122,10 @@ pub(crate) fn refusal(error: &ConfigError) -> Refusal {
             setting: Setting::PhyPreamble.number(),
             with: Setting::PhyBitrate.number(),
         },
+        ConfigError::SleepListens => Refusal::Conflict {
+            setting: Setting::Sleep.number(),
+            with: Setting::Sharing.number(),
+        },
         ConfigError::Filter(_) => Refusal::Conflict {
             setting: Setting::FilterNlosSigma.number(),
             with: Setting::FilterSigma.number(),
@@ -175,7 +180,8 @@ impl InForce<'_> {
                 per_round,
                 peers,
                 sharing,
-            } => Some((*period_us, *per_round, peers, *sharing)),
+                sleep,
+            } => Some((*period_us, *per_round, peers, *sharing, *sleep)),
             Part::Responder | Part::Listener => None,
         };
         let filter = &board.filter;
@@ -188,20 +194,26 @@ impl InForce<'_> {
                 Part::Initiator { .. } => INITIATOR,
                 Part::Listener => LISTENER,
             },
-            (Setting::Peers, Some((_, _, peers, _))) => {
+            (Setting::Peers, Some((_, _, peers, ..))) => {
                 let list: heapless::Vec<u16, { crate::MAX_PEERS }> =
                     peers.iter().map(|peer| peer.0).collect();
                 return Addresses::new(&list).map_or(listed, Value::Addresses);
             }
             (Setting::PeriodUs, Some((period_us, ..))) => period_us,
             (Setting::PerRound, Some((_, per_round, ..))) => per_round.into(),
-            (Setting::Sharing, Some((.., sharing))) => (SHARING.iter())
+            (Setting::Sleep, Some((.., sleep))) => sleep.into(),
+            (Setting::Sharing, Some((.., sharing, _))) => (SHARING.iter())
                 .zip(0_u32..)
                 .find(|&(known, _)| *known == sharing)
                 .map_or(0, |(_, number)| number),
-            (Setting::Peers | Setting::PeriodUs | Setting::PerRound | Setting::Sharing, None) => {
-                return listed;
-            }
+            (
+                Setting::Peers
+                | Setting::PeriodUs
+                | Setting::PerRound
+                | Setting::Sharing
+                | Setting::Sleep,
+                None,
+            ) => return listed,
             (Setting::TxAntennaDelay, _) => delays.tx_ticks.into(),
             (Setting::RxAntennaDelay, _) => delays.rx_ticks.into(),
             (Setting::ReplyUs, _) => configuration(board, self.settings).reply_us(),
@@ -274,6 +286,7 @@ mod tests {
                 per_round: 2,
                 peers,
                 sharing: Sharing::Polite,
+                sleep: false,
             },
             phy: PhyProfile::LONG_RANGE,
             reply_us: Some(9_000),
@@ -404,7 +417,11 @@ mod tests {
                 let idle = !matches!(board.part, Part::Initiator { .. })
                     && matches!(
                         setting,
-                        Setting::Peers | Setting::PeriodUs | Setting::PerRound | Setting::Sharing
+                        Setting::Peers
+                            | Setting::PeriodUs
+                            | Setting::PerRound
+                            | Setting::Sharing
+                            | Setting::Sleep
                     );
                 assert_eq!(configuration(&board, &settings) == board, idle);
             }

@@ -55,10 +55,19 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     pub(crate) fn start(&mut self) -> Result<(), RadioError> {
         self.hard_reset()?;
         self.check_identity()?;
-        // Without lock detection on, CPLOCK cannot be trusted (7.2.37.1).
-        ll!(self.ll().ec_ctrl().write(|w| w.pllldt(1)))?;
+        self.detect_clock_lock()?;
         let factory = self.load_from_otp()?;
         self.configure(&factory)?;
+        self.go_fast()
+    }
+
+    /// Without lock detection on, CPLOCK cannot be trusted (7.2.37.1).
+    pub(crate) fn detect_clock_lock(&mut self) -> Result<(), RadioError> {
+        ll!(self.ll().ec_ctrl().write(|w| w.pllldt(1)))
+    }
+
+    /// Waits for the clock PLL, from which on the bus can be fast.
+    pub(crate) fn go_fast(&mut self) -> Result<(), RadioError> {
         self.wait_for_clock()?;
         self.keep_transmitter_clock_on()?;
         self.bus.set_speed(SpiSpeed::Fast);
@@ -77,7 +86,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         Ok(())
     }
 
-    fn check_identity(&mut self) -> Result<(), RadioError> {
+    pub(crate) fn check_identity(&mut self) -> Result<(), RadioError> {
         let id = ll!(self.ll().dev_id().read())?;
         let read = u32::from(id.ridtag()) << 16
             | u32::from(id.model()) << 8
@@ -97,19 +106,19 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
         // loading the code this very value (2.5.5.10, table 4).
         ll!(self.ll().pmsc_ctrl0().write(|w| w.raw_value(0xF030_0301)))?;
         let ldo_low = self.read_otp(0x004)?;
-        if ldo_low & 0xFF != 0 {
+        self.ldo_tuned = ldo_low & 0xFF != 0;
+        if self.ldo_tuned {
             let ldo_high = self.read_otp(0x005)?;
             let tune = u64::from(ldo_low) | u64::from(ldo_high & 0xFF) << 32;
             ll!(self.ll().ldotune().write(|w| w.value(tune)))?;
         }
         // 0 means never trimmed (8.1); after a reset the trim is 0 too, which
         // is the end of its range.
-        let trim = match (self.read_otp(0x01E)? & 0x1F) as u8 {
+        self.crystal_trim = match (self.read_otp(0x01E)? & 0x1F) as u8 {
             0 => MID_RANGE_TRIM,
             trim => trim,
         };
-        let [register, sub] = WRITE_FS_XTALT;
-        self.write_raw(&[register, sub, 0x60 | trim])?;
+        self.trim_crystal()?;
         let PhyProfile { channel, prf, .. } = self.profile;
         let tx_power = self.read_otp(phy::power_address(channel, prf))?;
         let totals = self.read_otp(OTP_ANTENNA_DELAY)?;
@@ -128,6 +137,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
                 rx_ticks: total - total / 2,
             }),
         })
+    }
+
+    pub(crate) fn trim_crystal(&mut self) -> Result<(), RadioError> {
+        let [register, sub] = WRITE_FS_XTALT;
+        self.write_raw(&[register, sub, 0x60 | self.crystal_trim])
     }
 
     fn read_otp(&mut self, address: u16) -> Result<u32, RadioError> {

@@ -326,6 +326,9 @@ pub struct Counters {
     pub settings_discarded: u32,
     /// Writes to flash that failed.
     pub flash_errors: u32,
+    /// Initiator that sleeps: times that its radio was not awake in time, so that the round began
+    /// more than 1 ms late.
+    pub late_wakeups: u32,
 }
 
 /// A frame that a listener overheard.

@@ -93,6 +93,7 @@ fn records() -> [Record; 3] {
                 refused_commands: 2,
                 settings_discarded: 0,
                 flash_errors: 0,
+                late_wakeups: 17,
             },
         }),
     ]

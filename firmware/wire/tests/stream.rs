@@ -104,6 +104,7 @@ fn the_longest_record_fits() {
             refused_commands: all,
             settings_discarded: all,
             flash_errors: all,
+            late_wakeups: all,
         },
     });
     let bytes = frames(&[longest]).concat();

@@ -46,6 +46,8 @@ pub enum Setting {
     FilterAgility = 16,
     /// How fast peers move at most.
     FilterMaxSpeed = 17,
+    /// Whether an initiator's radio sleeps between rounds.
+    Sleep = 18,
 }
 
 /// How many settings there are.
@@ -115,7 +117,7 @@ pub enum Fallback {
 pub const NODE_ADDRESSES: core::ops::RangeInclusive<u16> = 1..=0xFFFD;
 
 /// All settings, in the order of their numbers.
-pub const SETTINGS: [Description; 18] = [
+pub const SETTINGS: [Description; 19] = [
     Description {
         setting: Setting::Address,
         name: "address",
@@ -289,6 +291,13 @@ pub const SETTINGS: [Description; 18] = [
         },
         default: Fallback::Value(Value::Number(15_000)),
         meaning: "no peer moves faster",
+    },
+    Description {
+        setting: Setting::Sleep,
+        name: "sleep",
+        kind: Kind::Word(&["off", "on"]),
+        default: Fallback::Value(Value::Number(0)),
+        meaning: "whether an initiator's radio sleeps between rounds; only with sharing free",
     },
 ];
 

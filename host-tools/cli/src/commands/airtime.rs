@@ -164,6 +164,7 @@ fn initiator(phy: PhyProfile, responders: u8) -> NodeConfig {
             per_round: responders,
             peers: (1..=responders).map(|n| Address(n.into())).collect(),
             sharing: Sharing::Elect,
+            sleep: false,
         },
         ..NodeConfig::anchor(Address(100))
     }
