@@ -355,10 +355,11 @@ fn files_start_from_the_delays_that_boards_worked_by_and_not_from_a_guess() {
 }
 
 #[test]
-fn a_table_of_range_bias_is_taken_off_by_receive_power() {
+fn a_table_of_range_bias_takes_the_place_of_the_boards_own() {
     let nova = Nova::new();
     let stream = streams(&boards()[..2], 0, 3).remove(0);
     nova.file("anchor.bin", stream)
+        .file("none.csv", "rx_power_dbm,bias_m\n-100,0\n-50,0\n")
         .file("flat.csv", "rx_power_dbm,bias_m\n-100,0.07\n-50,0.07\n")
         .file("twice.csv", "rx_power_dbm,bias_m\n-80,0.1\n-80,0.2\n")
         .file("bad.csv", "rx_power_dbm,bias_mm\n-80,100\n");
@@ -367,9 +368,13 @@ fn a_table_of_range_bias_is_taken_off_by_receive_power() {
         let found = result(&calibrate(&nova, &arguments, &[]));
         found["nodes"][0]["offset_m"].as_f64().unwrap()
     };
-    let difference_m = offset_m(&[]) - offset_m(&["--range-bias", "flat.csv"]);
+    let none_m = offset_m(&["--range-bias", "none.csv"]);
+    let difference_m = none_m - offset_m(&["--range-bias", "flat.csv"]);
     // Half of it each; the prior holds back one part in a few hundred.
     assert!((difference_m - 0.035).abs() < 0.001, "{difference_m}");
+    // At 5 m, -72 dBm, ranges read 61 mm short (APS011).
+    let difference_m = offset_m(&[]) - none_m;
+    assert!((difference_m - 0.0305).abs() < 0.002, "{difference_m}");
     for (file, mention) in [("twice.csv", "twice"), ("bad.csv", "'bias_m'")] {
         let arguments = ["anchor.bin", "--distance", "1-2=5", "--range-bias", file];
         let said = calibrate(&nova, &arguments, &[]);

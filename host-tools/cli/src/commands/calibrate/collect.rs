@@ -31,6 +31,8 @@ pub(super) struct Enough {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
     pub(super) raw_m: f64,
+    /// What the board has taken off it for the power received.
+    pub(super) bias_m: f64,
     /// With which power it was received, if the radio was asked.
     pub(super) rx_power_dbm: Option<f64>,
 }
@@ -113,9 +115,11 @@ impl Stream {
                 let rx_power_dbm = (range.quality.as_ref())
                     .map(|quality| f64::from(quality.rx_power_dbm))
                     .filter(|power| power.is_finite());
-                if raw_m.is_finite() {
+                let bias_m = f64::from(range.bias_m);
+                if raw_m.is_finite() && bias_m.is_finite() {
                     let sample = Sample {
                         raw_m,
+                        bias_m,
                         rx_power_dbm,
                     };
                     self.early.push((range.peer, sample));

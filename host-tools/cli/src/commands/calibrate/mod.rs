@@ -95,8 +95,8 @@ pub(crate) struct Calibrate {
         allow_negative_numbers = true
     )]
     prior_sigma: f64,
-    /// Take the bias of ranges with receive power off first: a CSV table of rx_power_dbm and bias_m, by
-    /// which ranges are too long. Not where the firmware does so already.
+    /// Take the bias of ranges with receive power off by this table instead of the boards' own: CSV of
+    /// rx_power_dbm and bias_m, by which ranges are too long.
     #[arg(long, value_name = "FILE")]
     range_bias: Option<PathBuf>,
     /// What that table calls rx_power_dbm and bias_m, where it differs.
@@ -400,13 +400,13 @@ fn measured(
         .collect())
 }
 
-/// The ranges less their bias, if that is known; those without a receive power then do not count.
+/// The ranges less their bias: by the board's own table, or by this one; those without a receive power then do not count.
 fn corrected(ranges: &[Sample], bias: Option<&RangeBias>) -> Vec<f64> {
     let Some(bias) = bias else {
         return ranges.iter().map(|range| range.raw_m).collect();
     };
     (ranges.iter())
-        .filter_map(|range| Some(range.raw_m - bias.at_m(range.rx_power_dbm?)))
+        .filter_map(|range| Some(range.raw_m + range.bias_m - bias.at_m(range.rx_power_dbm?)))
         .collect()
 }
 
