@@ -35,18 +35,20 @@ fn an_expectation_that_is_not_met_is_named() {
     for (expectation, mention) in [
         ("ranges = [0, 10]", "ranges, not 0 to 10"),
         (
-            "ranges = [40, 60]\nmean_error_below_m = 0.01\noffset_m = 0.5",
-            "mean error -0.49",
+            "ranges = [40, 60]\nmean_error_below_m = 0.01\noffset_m = 0.455",
+            "mean error -0.45",
         ),
         (
-            "ranges = [40, 60]\nworst_error_below_m = 0.01\noffset_m = 0.5",
-            "worst error 0.49",
+            "ranges = [40, 60]\nworst_error_below_m = 0.01\noffset_m = 0.455",
+            "worst error 0.45",
         ),
         (
             "ranges = [40, 60]\ncounters = { no_response = [5, 9] }",
             "no_response is 0, not 5 to 9",
         ),
         ("ranges = [40, 60]\nflags = 1", "flags 0b10 instead of 0b1"),
+        ("ranges = [40, 60]\nasleep_at_least = 0.1", "slept 0.00 %"),
+        ("ranges = [40, 60]\ncurrent_below_ua = 1000.0", " uA"),
         (
             "ranges = [40, 60]\ncounters = { luck = [0, 0] }",
             "no counter called luck",
