@@ -128,7 +128,9 @@ struct Polling {
     period_us: u64,
     /// Whether the radio sleeps between rounds.
     sleeps: bool,
-    /// The round that runs has begun late.
+    /// The radio has slept since the last round.
+    slept: bool,
+    /// The round that runs has begun late for that.
     late: bool,
     /// When the next round is due.
     next_us: u64,
@@ -882,6 +884,7 @@ impl Playing {
                     beacon: false,
                     period_us: u64::from(*period_us),
                     sleeps: *sleep,
+                    slept: false,
                     late: false,
                     next_us: 0,
                     turn_us: 0,
@@ -982,7 +985,7 @@ impl Polling {
                 None
             }
             Turn::Talk { until_us } => {
-                self.late = self.sleeps && now_us > self.next_us + LATE_US;
+                self.late = core::mem::take(&mut self.slept) && now_us > self.next_us + LATE_US;
                 // Rounds that there was no time for are left out, not made up for.
                 self.next_us = (self.next_us + self.period_us).max(now_us);
                 self.missed = false;

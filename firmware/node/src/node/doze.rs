@@ -59,6 +59,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 match self.radio.resume() {
                     Ok(()) => {
                         self.doing = Doing::Nothing;
+                        if let Playing::Initiator(polling) = &mut self.playing {
+                            polling.slept = true;
+                        }
                         return Ok(true);
                     }
                     Err(RadioError::WrongDevice(_)) if now_us < until_us => {
