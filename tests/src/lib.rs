@@ -1,11 +1,13 @@
 //! What the tests across crates share: networks of simulated boards that run
 //! the firmware's node, what their serial ports said, and scenarios from files.
 
+mod emulated;
 mod network;
 mod scenario;
 pub mod soak;
 
 pub mod fuzz;
 
+pub use emulated::{EmulatedNetwork, FIRMWARE_VARIABLE, Firmware};
 pub use network::{BoardLog, Network, NetworkError, anchor_polling, board_at};
 pub use scenario::{Action, Board, BoardRole, Expectation, FrameFault, Link, Scenario};

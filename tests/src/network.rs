@@ -120,7 +120,7 @@ impl Network {
 }
 
 impl BoardLog {
-    fn take(&mut self, bytes: &[u8], decoder: &mut Decoder) {
+    pub(crate) fn take(&mut self, bytes: &[u8], decoder: &mut Decoder) {
         self.bytes.extend_from_slice(bytes);
         for event in bytes.iter().filter_map(|&b| decoder.push(b)) {
             match event {

@@ -76,6 +76,11 @@ fn run_tests(steps: &mut Vec<Step>) {
         run(cargo().args(["test", "--workspace"]))
     });
     step(steps, "firmware and sizes", firmware::check);
+    step(steps, "emulated boards", || {
+        let test = ["test", "--package", "nova-tests", "--test", "emulated"];
+        let folder = firmware::folder(&toolchain::find_or_install()?);
+        run(cargo().args(test).env(firmware::FOLDER_VARIABLE, folder))
+    });
 }
 
 fn step(steps: &mut Vec<Step>, name: &'static str, work: impl FnOnce() -> Result<()>) {

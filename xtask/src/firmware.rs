@@ -15,6 +15,9 @@ const PACKAGE: &str = "nova-dwm1001";
 /// Cargo profile of what goes onto a board.
 const PROFILE: &str = "firmware";
 
+/// Tells the tests on emulated boards where the binaries are.
+pub(crate) const FOLDER_VARIABLE: &str = "NOVA_FIRMWARE";
+
 /// Which firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Binary {
@@ -111,7 +114,12 @@ fn build_command(toolchain: &Toolchain, binaries: &[Binary]) -> std::process::Co
 }
 
 fn path(toolchain: &Toolchain, binary: Binary) -> PathBuf {
-    toolchain.binaries(PROFILE).join(binary.name())
+    folder(toolchain).join(binary.name())
+}
+
+/// Where both binaries come to lie.
+pub(crate) fn folder(toolchain: &Toolchain) -> PathBuf {
+    toolchain.binaries(PROFILE)
 }
 
 fn check_budgets(reports: &[Report]) -> Result<()> {

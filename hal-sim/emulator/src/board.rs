@@ -1,0 +1,526 @@
+//! One board: the processor, what is around it, and what it has done so far.
+//!
+//! A board runs until a given cycle, or until it wants something from its radio; then it stands still until
+//! [`Emulation`](crate::Emulation) has let the air get to that moment and answered.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use nova_hal_sim::chip::ChipConfig;
+use nova_hal_sim::{Flash, SimDuration, SimTime};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use rsemu::core::space::{AddressSpace, RamStore};
+use rsemu::cpu::arm::v7m::sys::Exception;
+use rsemu::cpu::arm::v7m::{ArmV7m, Config};
+
+use crate::bus::{Shared, address_space};
+use crate::error::{EmulatorError, Seconds, Trouble};
+use crate::image::Image;
+use crate::log::{LogLine, LogReader};
+use crate::soc::{
+    CPU_HZ, ChipIdentity, Cycles, Memory, Outward, RAM_BYTES, RAM_START, ResetReason, Soc,
+};
+use crate::stack::{StackUse, measure};
+use crate::wiring;
+
+/// A board to be emulated.
+#[derive(Debug)]
+pub struct BoardConfig {
+    /// Its name; no two may have the same.
+    pub name: String,
+    /// What is burnt into its processor.
+    pub identity: ChipIdentity,
+    /// Its DW1000, crystal and place.
+    pub chip: ChipConfig,
+    /// Frequency error of the processor's crystal, in ppm.
+    pub mcu_ppm: f64,
+    /// From power-on (time zero) until the processor's first instruction.
+    pub boot_delay: SimDuration,
+}
+
+impl BoardConfig {
+    /// A board with this name and this number burnt in; all else as hal-sim's boards.
+    pub fn new(name: impl Into<String>, device_id: [u32; 2]) -> Self {
+        let [low, high] = device_id;
+        BoardConfig {
+            name: name.into(),
+            identity: ChipIdentity {
+                device_id,
+                random_seed: u64::from(high) << 32 | u64::from(low),
+            },
+            chip: ChipConfig::default(),
+            mcu_ppm: 0.0,
+            boot_delay: SimDuration::from_ms(5),
+        }
+    }
+}
+
+/// What a board has done.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct BoardStats {
+    /// Instructions, and entries into exceptions.
+    pub instructions: u64,
+    /// Cycles in which the processor did not sleep; those in which it stood still for the flash included.
+    pub busy_cycles: Cycles,
+    /// Cycles altogether.
+    pub cycles: Cycles,
+    /// Interrupts that were served, by number.
+    pub interrupts: BTreeMap<u16, u64>,
+    /// Resets, by reason, the first start included.
+    pub resets: Vec<(Cycles, ResetReason)>,
+    /// SPI transfers to the radio.
+    pub transfers: u64,
+    /// Bytes of those.
+    pub spi_bytes: u64,
+    /// Cycles that the SPI was busy with them.
+    pub spi_cycles: Cycles,
+}
+
+/// What a board wants from its radio.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum RadioRequest {
+    Select(bool),
+    Reset(bool),
+    Transfer {
+        id: u8,
+        mosi: Vec<u8>,
+        bits_per_s: u32,
+    },
+}
+
+/// An emulated board.
+pub struct Board {
+    name: String,
+    image: Image,
+    cpu: ArmV7m,
+    space: Arc<AddressSpace>,
+    shared: Arc<Shared>,
+    ram: Arc<RamStore>,
+    noise: ChaCha8Rng,
+    /// What RAM held when the supply came.
+    initial_ram: Vec<u8>,
+    now: Cycles,
+    next_due: Cycles,
+    interrupts: u64,
+    asleep: bool,
+    stalled_until: Cycles,
+    off: bool,
+    steps_to_check: u32,
+    requests: VecDeque<(Cycles, RadioRequest)>,
+    serial: Vec<(Cycles, u8)>,
+    log: LogReader,
+    stats: BoardStats,
+    /// Femtoseconds of true time at cycle 0, and in 10^18 cycles.
+    boot: SimTime,
+    fs_per_1e12_cycles: u128,
+}
+
+/// Steps between two looks at what the core only tells when asked: a reset that was requested, a lock-up.
+const CHECK_EVERY: u32 = 64;
+
+/// Femtoseconds in a cycle.
+const FS_PER_CYCLE: u128 = 15_625_000;
+const SCALE: u128 = 1_000_000_000_000;
+
+impl Board {
+    /// A board that has just been switched on.
+    ///
+    /// # Errors
+    /// An image with parts where the chip has no memory.
+    pub(crate) fn new(
+        name: String,
+        identity: ChipIdentity,
+        mcu_ppm: f64,
+        boot_delay: SimDuration,
+        image: Image,
+    ) -> Result<Self, EmulatorError> {
+        let memory = Memory::new();
+        for (address, bytes) in image.segments() {
+            if !memory.preload(*address, bytes) {
+                return Err(EmulatorError::Image(format!(
+                    "{} bytes at {address:#010x}, where the chip has no flash",
+                    bytes.len()
+                )));
+            }
+        }
+        let flash = memory.copy.clone();
+        let ram = Arc::new(RamStore::new(RAM_BYTES.into()));
+        let shared = Shared::new(Soc::new(identity, ram.clone(), memory));
+        let space = address_space(&ram, &flash, &shared)?;
+        let mut board = Board {
+            name,
+            cpu: fresh_cpu(&space),
+            space,
+            shared,
+            ram,
+            noise: ChaCha8Rng::seed_from_u64(identity.random_seed ^ u64::from(RAM_START)),
+            initial_ram: Vec::new(),
+            now: 0,
+            next_due: 0,
+            interrupts: 0,
+            asleep: false,
+            stalled_until: 0,
+            off: false,
+            steps_to_check: CHECK_EVERY,
+            requests: VecDeque::new(),
+            serial: Vec::new(),
+            log: LogReader::new(&image),
+            stats: BoardStats::default(),
+            boot: SimTime::ZERO + boot_delay,
+            fs_per_1e12_cycles: (FS_PER_CYCLE as f64 * SCALE as f64 / (1.0 + mcu_ppm * 1e-6))
+                .round() as u128,
+            image,
+        };
+        board.switch_on();
+        Ok(board)
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Cycles since it was switched on.
+    pub fn now(&self) -> Cycles {
+        self.now
+    }
+
+    /// What it has done so far.
+    pub fn stats(&self) -> BoardStats {
+        BoardStats {
+            cycles: self.now,
+            ..self.stats.clone()
+        }
+    }
+
+    /// What left its serial port since this was asked last: the cycle at which each byte was complete, and the byte.
+    pub fn take_serial(&mut self) -> Vec<(Cycles, u8)> {
+        std::mem::take(&mut self.serial)
+    }
+
+    /// The host says `bytes`, from now on, at the rate the firmware has set.
+    pub fn say(&mut self, bytes: &[u8]) {
+        let now = self.now;
+        self.shared.soc().uart.hear(bytes, now);
+        self.look_around();
+    }
+
+    /// Whether all that the host has said has arrived at the serial port.
+    pub fn has_heard_all(&self) -> bool {
+        self.shared.soc().uart.has_heard_all()
+    }
+
+    /// The lights D9 to D12 that are lit.
+    pub fn lights(&self) -> [bool; 4] {
+        let soc = self.shared.soc();
+        wiring::LIGHTS.map(|pin| soc.gpio.is_pulled_low(pin))
+    }
+
+    /// Log lines (defmt through RTT) since this was asked last.
+    pub fn take_log(&mut self) -> Vec<LogLine> {
+        self.log.poll(&self.ram);
+        self.log.take()
+    }
+
+    /// Its flash, to plan power cuts and to look at wear.
+    pub fn flash(&self) -> Flash {
+        self.shared.soc().memory.flash().clone()
+    }
+
+    /// Whether its supply broke down in the middle of a write to flash, as was planned.
+    pub fn is_off(&self) -> bool {
+        self.off
+    }
+
+    /// How far its main stack has grown; `None` if the image does not tell where it is.
+    pub fn stack_use(&self) -> Option<StackUse> {
+        measure(self.image.stack()?, &self.ram, &self.initial_ram)
+    }
+
+    /// A word of RAM; `None` elsewhere.
+    pub fn ram_word(&self, address: u32) -> Option<u32> {
+        let mut word = [0; 4];
+        let offset = address.checked_sub(RAM_START)?;
+        self.ram.read_at(offset.into(), &mut word).ok()?;
+        Some(u32::from_le_bytes(word))
+    }
+
+    /// Its image.
+    pub fn image(&self) -> &Image {
+        &self.image
+    }
+
+    /// When `cycle` is, in true time.
+    pub fn time_of(&self, cycle: Cycles) -> SimTime {
+        let fs = u128::from(cycle) * self.fs_per_1e12_cycles / SCALE;
+        self.boot + SimDuration::from_fs(u64::try_from(fs).unwrap_or(u64::MAX))
+    }
+
+    /// The first cycle that begins at `t` or later.
+    pub(crate) fn cycle_at(&self, t: SimTime) -> Cycles {
+        let fs = u128::from(t.since(self.boot).as_fs());
+        let cycles = (fs * SCALE).div_ceil(self.fs_per_1e12_cycles);
+        u64::try_from(cycles).unwrap_or(Cycles::MAX)
+    }
+
+    /// The moment before which it will want nothing from its radio, unless the radio interrupts.
+    pub(crate) fn earliest_request(&self) -> SimTime {
+        if let Some((at, _)) = self.requests.front() {
+            return self.time_of(*at);
+        }
+        if self.off {
+            return SimTime::MAX;
+        }
+        let wakes = if self.asleep { self.wakes_at() } else { 0 };
+        self.time_of(wakes.max(self.stalled_until).max(self.now))
+    }
+
+    /// The first request that was not answered.
+    pub(crate) fn request(&self) -> Option<SimTime> {
+        self.requests.front().map(|&(at, _)| self.time_of(at))
+    }
+
+    pub(crate) fn take_request(&mut self) -> Option<RadioRequest> {
+        self.requests.pop_front().map(|(_, request)| request)
+    }
+
+    /// What the radio clocked out.
+    pub(crate) fn answer(&mut self, id: u8, miso: Vec<u8>) {
+        self.shared.soc().answer_transfer(id, miso);
+    }
+
+    /// The level of the radio's interrupt line.
+    pub(crate) fn set_radio_interrupt(&mut self, high: bool) {
+        let now = self.now;
+        self.shared
+            .soc()
+            .drive_pin(wiring::RADIO_INTERRUPT, high, now);
+        self.look_around();
+    }
+
+    fn wakes_at(&self) -> Cycles {
+        let tick = self.cpu.with_sys(|sys| {
+            let runs = sys.syst_csr & 0b11 == 0b11 && sys.syst_rvr != 0;
+            let left = match sys.syst_cvr {
+                0 => sys.syst_rvr + 1,
+                left => left,
+            };
+            runs.then_some(u64::from(left))
+        });
+        let tick = tick.map_or(Cycles::MAX, |left| self.now + left);
+        self.next_due.min(tick)
+    }
+
+    /// Runs until `limit`, or until the radio is wanted, or the supply breaks down.
+    ///
+    /// # Errors
+    /// [`EmulatorError::Stopped`].
+    pub(crate) fn run_until(&mut self, limit: Cycles) -> Result<(), EmulatorError> {
+        while self.now < limit && self.requests.is_empty() && !self.off {
+            if self.next_due <= self.now {
+                self.shared.soc().advance(self.now);
+                self.look_around();
+                self.check_trouble()?;
+                continue;
+            }
+            if self.now < self.stalled_until {
+                let to = limit.min(self.stalled_until).min(self.next_due);
+                self.stats.busy_cycles += to - self.now;
+                self.now = to;
+                continue;
+            }
+            if self.asleep {
+                let to = limit.min(self.wakes_at());
+                if to > self.now {
+                    self.pass_asleep(to - self.now);
+                    continue;
+                }
+            }
+            self.step()?;
+        }
+        self.log.poll_now_and_then(&self.ram, self.now);
+        Ok(())
+    }
+
+    fn pass_asleep(&mut self, cycles: Cycles) {
+        self.now += cycles;
+        self.cpu.with_sys(|sys| {
+            if sys.tick_systick(cycles) && sys.syst_csr & 0b10 != 0 {
+                sys.set_pending(Exception::SYSTICK, true);
+            }
+        });
+        self.asleep = self.cpu.is_asleep() && !self.cpu.with_sys(|s| s.highest_pending().is_some());
+    }
+
+    fn step(&mut self) -> Result<(), EmulatorError> {
+        self.shared.set_now(self.now);
+        let cycles = self.cpu.step();
+        self.now += cycles;
+        self.stats.instructions += 1;
+        self.stats.busy_cycles += cycles;
+        if self.shared.take_touched() {
+            self.look_around();
+            self.check_trouble()?;
+        }
+        if cycles == 1 {
+            self.asleep = self.cpu.is_asleep();
+        } else if cycles >= EXCEPTION_ENTRY {
+            self.asleep = false;
+            self.count_interrupt();
+        }
+        self.steps_to_check -= 1;
+        if self.steps_to_check == 0 {
+            self.steps_to_check = CHECK_EVERY;
+            if self.cpu.reset_requested() {
+                self.reset(ResetReason::Software);
+            } else if self.cpu.is_locked_up() {
+                self.reset(ResetReason::Lockup);
+            }
+        }
+        Ok(())
+    }
+
+    /// If an exception has just been entered, counts it.
+    fn count_interrupt(&mut self) {
+        let exception = self.cpu.current_exception();
+        let just_entered = exception != Exception::THREAD && self.cpu.reg(14) >= 0xFFFF_FFE0;
+        if just_entered && exception.0 >= 16 {
+            let vector = self.cpu.vtor() + 4 * u32::from(exception.0);
+            if self.word(vector).map(|handler| handler & !1) == Some(self.cpu.pc()) {
+                *self.stats.interrupts.entry(exception.0 - 16).or_default() += 1;
+            }
+        }
+    }
+
+    /// A word of RAM or flash.
+    fn word(&self, address: u32) -> Option<u32> {
+        let mut word = [0; 4];
+        match address.checked_sub(RAM_START) {
+            Some(offset) => self.ram.read_at(offset.into(), &mut word).ok()?,
+            None => {
+                let soc = self.shared.soc();
+                soc.memory.copy.read_at(address.into(), &mut word).ok()?;
+            }
+        }
+        Some(u32::from_le_bytes(word))
+    }
+
+    /// Takes notice of what the chip wants after something has happened.
+    fn look_around(&mut self) {
+        let mut soc = self.shared.soc();
+        let outward = std::mem::take(&mut soc.outward);
+        let levels = soc.interrupts;
+        self.next_due = soc.next_due();
+        drop(soc);
+        let changed = levels ^ self.interrupts;
+        if changed != 0 {
+            self.interrupts = levels;
+            for n in (0..64).filter(|n| changed >> n & 1 == 1) {
+                self.cpu.set_irq(n, levels >> n & 1 == 1);
+            }
+            // The next step finds out whether this wakes the processor.
+            self.asleep = false;
+        }
+        let mut reset = None;
+        for what in outward {
+            match what {
+                Outward::Select(low) => self.ask(RadioRequest::Select(low)),
+                Outward::RadioReset(low) => self.ask(RadioRequest::Reset(low)),
+                Outward::Transfer {
+                    id,
+                    mosi,
+                    bits_per_s,
+                } => {
+                    self.stats.transfers += 1;
+                    self.stats.spi_bytes += mosi.len() as u64;
+                    self.stats.spi_cycles +=
+                        8 * mosi.len() as u64 * CPU_HZ / u64::from(bits_per_s.max(1));
+                    self.ask(RadioRequest::Transfer {
+                        id,
+                        mosi,
+                        bits_per_s,
+                    });
+                }
+                Outward::Byte(byte) => self.serial.push((self.now, byte)),
+                Outward::Stall(cycles) => self.stalled_until = self.now + cycles,
+                Outward::WatchdogReset => reset = Some(ResetReason::Watchdog),
+                Outward::PowerLost | Outward::SystemOff => self.off = true,
+            }
+        }
+        if let Some(reason) = reset {
+            self.reset(reason);
+        }
+    }
+
+    fn ask(&mut self, request: RadioRequest) {
+        self.requests.push_back((self.now, request));
+    }
+
+    fn check_trouble(&mut self) -> Result<(), EmulatorError> {
+        let Some(mut trouble) = self.shared.soc().trouble.take() else {
+            return Ok(());
+        };
+        trouble.pc = self.faulting_instruction();
+        Err(self.stopped(trouble))
+    }
+
+    fn stopped(&self, trouble: Trouble) -> EmulatorError {
+        EmulatorError::Stopped {
+            board: self.name.clone(),
+            seconds: Seconds(self.now as f64 / CPU_HZ as f64),
+            trouble,
+        }
+    }
+
+    /// A refused access is a bus fault; its return address lies on the stack (ARMv7-M, B1.5.6).
+    fn faulting_instruction(&self) -> u32 {
+        const RETURN_ADDRESS: u32 = 24;
+        const FROM_PROCESS_STACK: u32 = 1 << 2;
+        if self.cpu.current_exception() == Exception::THREAD {
+            return 0;
+        }
+        let process = self.cpu.reg(14) & FROM_PROCESS_STACK != 0;
+        let frame = if process {
+            self.cpu.psp()
+        } else {
+            self.cpu.msp()
+        };
+        self.word(frame.wrapping_add(RETURN_ADDRESS)).unwrap_or(0)
+    }
+
+    /// Starts anew; RAM keeps its contents.
+    fn reset(&mut self, reason: ResetReason) {
+        self.stats.resets.push((self.now, reason));
+        self.log.poll(&self.ram);
+        self.shared.soc().reset(reason);
+        // A fresh core: a reset of this one would leave the NVIC's enables and priorities as they were.
+        self.cpu = fresh_cpu(&self.space);
+        self.interrupts = 0;
+        self.asleep = false;
+        self.stalled_until = self.now;
+        self.look_around();
+    }
+
+    /// The supply comes: RAM holds noise, flash what was written.
+    pub(crate) fn switch_on(&mut self) {
+        let mut bytes = vec![0; RAM_BYTES as usize];
+        self.noise.fill(&mut bytes[..]);
+        // As long as the RAM.
+        let _ = self.ram.write_at(0, &bytes);
+        self.initial_ram = bytes;
+        self.off = false;
+        self.shared.soc().memory.restore_power();
+        self.reset(ResetReason::PowerOn);
+    }
+}
+
+/// What the core charges for entering an exception.
+const EXCEPTION_ENTRY: u64 = 12;
+
+/// The NVIC of the nRF52832 has three bits of priority (product specification, chapter 7).
+fn fresh_cpu(space: &Arc<AddressSpace>) -> ArmV7m {
+    let cpu = ArmV7m::new(Config::CORTEX_M4F.with_priority_bits(3));
+    cpu.attach_space(space.clone());
+    cpu
+}
