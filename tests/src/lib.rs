@@ -2,6 +2,7 @@
 //! the firmware's node, what their serial ports said, and scenarios from files.
 
 mod emulated;
+mod emulated_scenario;
 mod network;
 mod scenario;
 pub mod soak;

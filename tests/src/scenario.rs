@@ -253,10 +253,20 @@ impl Scenario {
             .run_until_s(self.duration_s)
             .map_err(|error| error.to_string())?;
 
+        self.check_all(|name| network.log(self.index(name).ok()?))
+    }
+
+    /// Compares what boards have said with what is expected.
+    ///
+    /// # Errors
+    /// All expectations that were not met, one a line.
+    pub(crate) fn check_all<'l>(
+        &self,
+        log: impl Fn(&str) -> Option<&'l BoardLog>,
+    ) -> Result<(), String> {
         let mut unmet = String::new();
         for expectation in &self.expect {
-            let index = self.index(&expectation.board)?;
-            let log = network.log(index).ok_or("no log")?;
+            let log = log(&expectation.board).ok_or("no log")?;
             self.check(expectation, log, &mut unmet)?;
             let id = self.id(&network, &expectation.board)?;
             if let Some(drawn) = network.sim().consumption(id) {
@@ -373,7 +383,7 @@ impl Board {
         self.hardware().boot_delay.as_s_f64()
     }
 
-    fn hardware(&self) -> BoardConfig {
+    pub(crate) fn hardware(&self) -> BoardConfig {
         let (position, velocity) = (self.position_m, self.velocity_m_per_s);
         let motion = Motion::path(move |t_s| {
             let [x, y, z] = position;
@@ -435,7 +445,7 @@ impl Board {
 }
 
 impl Link {
-    fn effect(&self) -> LinkEffect {
+    pub(crate) fn effect(&self) -> LinkEffect {
         LinkEffect {
             extra_delay_ps: self.detour_m / ChannelConfig::default().speed_m_per_s * 1e12,
             loss_db: self.loss_db,

@@ -89,6 +89,16 @@ pub(crate) fn describe_build(toolchain: &Toolchain, binary: Binary) -> (String, 
     )
 }
 
+/// Builds both; returns the folder they lie in.
+///
+/// # Errors
+/// When there is no compiler or the build fails.
+pub(crate) fn build_all() -> Result<PathBuf> {
+    let toolchain = toolchain::find_or_install()?;
+    run_command(&mut build_command(&toolchain, &Binary::ALL))?;
+    Ok(folder(&toolchain))
+}
+
 fn build_and_measure(
     toolchain: &Toolchain,
     binaries: &[Binary],

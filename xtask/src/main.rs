@@ -3,10 +3,12 @@
 //! ```text
 //! main ─► checks  (test, ci)  ─► toolchain
 //!    ├──► flash ─► firmware ───► toolchain ─► process
+//!    ├──► emulate ─► firmware
 //!    └──► firmware ─► size
 //! ```
 
 mod checks;
+mod emulate;
 mod firmware;
 mod flash;
 mod process;
@@ -31,6 +33,7 @@ Examples:
   cargo xtask test                      everything that must hold; what CI runs
   cargo xtask firmware                  build both binaries for the board, show their sizes
   cargo xtask firmware --bin tag --json sizes of one, for a script
+  cargo xtask emulate --scenario tests/scenarios/a-pair-at-rest.toml
   cargo xtask soak --exchanges 100000   range under injected faults
   cargo flash-tag                       build and flash a tag, then show its log
   cargo xtask flash anchor --dry-run    only show which commands would run
@@ -54,6 +57,8 @@ enum Command {
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
+    /// Play a scenario on emulated boards that run the firmware, and say what they did.
+    Emulate(emulate::Args),
     /// Run everything that must hold: host tests, both firmware links, size budgets.
     Test,
     /// Run `test` and the lints: formatting, clippy, documentation.
@@ -91,6 +96,7 @@ fn run(command: Command) -> Result<()> {
             ];
             process::run(process::cargo().args(soak).args([exchanges, seed]))
         }
+        Command::Emulate(args) => emulate::run(&args),
         Command::Test => checks::test(),
         Command::Ci => checks::ci(),
     }

@@ -21,6 +21,9 @@ use crate::{fault, flash, pins};
 /// What the answers that wait take to leave, at most: a full outbox at 1 Mbaud.
 const LAST_WORDS_MS: u64 = 50;
 
+/// The longest sleep: the watchdog wants to be fed.
+const LONGEST_SLEEP_US: u64 = 250_000;
+
 /// This crate's version: major, minor, patch.
 const FIRMWARE: [u8; 3] = [
     number(env!("CARGO_PKG_VERSION_MAJOR")),
@@ -93,7 +96,9 @@ pub async fn run(spawner: Spawner, role: Role) -> ! {
         if progress.check(node.counters().radio_resets, now_us()) {
             watchdog.feed();
         }
-        let wake_us = wake_us.min(leds.update(now_us()));
+        let wake_us = wake_us
+            .min(leds.update(now_us()))
+            .min(now_us() + LONGEST_SLEEP_US);
         if then == Then::Reboot {
             Timer::after_millis(LAST_WORDS_MS).await;
             fault::reboot();

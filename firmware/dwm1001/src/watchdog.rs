@@ -4,8 +4,9 @@ use embassy_nrf::Peri;
 use embassy_nrf::peripherals::WDT;
 use embassy_nrf::wdt::{self, HaltConfig, SleepConfig, WatchdogHandle};
 
-/// Longest time between two feeds, in seconds. The radio loop passes at least once a second.
-const TIMEOUT_S: u32 = 4;
+/// Longest time between two feeds, in milliseconds: a node that hangs ranges again within two seconds. The radio loop
+/// passes four times a second, and a radio that is restarted keeps it from feeding for half a second.
+const TIMEOUT_MS: u32 = 1_750;
 
 /// The watchdog's clock, in Hz (nRF52832 product specification, chapter 35).
 const TICKS_PER_S: u32 = 32_768;
@@ -19,7 +20,7 @@ impl Watchdog {
     /// Starts it. It cannot be stopped again, and stands still only while a debugger halts the CPU.
     pub(crate) fn start(peripheral: Peri<'static, WDT>) -> Self {
         let mut config = wdt::Config::default();
-        config.timeout_ticks = TIMEOUT_S * TICKS_PER_S;
+        config.timeout_ticks = TIMEOUT_MS * TICKS_PER_S / 1_000;
         config.action_during_sleep = SleepConfig::Run;
         config.action_during_debug_halt = HaltConfig::Pause;
         match wdt::Watchdog::try_new(peripheral, config) {

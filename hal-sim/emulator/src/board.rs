@@ -18,6 +18,7 @@ use crate::bus::{Shared, address_space};
 use crate::error::{EmulatorError, Seconds, Trouble};
 use crate::image::Image;
 use crate::log::{LogLine, LogReader};
+use crate::reply::{Replies, Watch};
 use crate::soc::{
     CPU_HZ, ChipIdentity, Cycles, Memory, Outward, RAM_BYTES, RAM_START, ResetReason, Soc,
 };
@@ -37,6 +38,25 @@ pub struct BoardConfig {
     pub mcu_ppm: f64,
     /// From power-on (time zero) until the processor's first instruction.
     pub boot_delay: SimDuration,
+    /// Flash and UICR of a board that has been in use; new ones if absent. The image is written into it.
+    pub memory: Option<ChipMemory>,
+}
+
+/// Flash and UICR of a board, to give to the same board when it is emulated again.
+#[derive(Debug, Clone)]
+pub struct ChipMemory {
+    pub(crate) flash: Flash,
+    pub(crate) uicr: Flash,
+}
+
+impl ChipMemory {
+    /// Another chip with the same contents and wear.
+    pub fn duplicate(&self) -> Self {
+        ChipMemory {
+            flash: self.flash.duplicate(),
+            uicr: self.uicr.duplicate(),
+        }
+    }
 }
 
 impl BoardConfig {
@@ -52,6 +72,7 @@ impl BoardConfig {
             chip: ChipConfig::default(),
             mcu_ppm: 0.0,
             boot_delay: SimDuration::from_ms(5),
+            memory: None,
         }
     }
 }
@@ -75,6 +96,8 @@ pub struct BoardStats {
     pub spi_bytes: u64,
     /// Cycles that the SPI was busy with them.
     pub spi_cycles: Cycles,
+    /// Where the time of answers went.
+    pub replies: Replies,
 }
 
 /// What a board wants from its radio.
@@ -107,10 +130,12 @@ pub struct Board {
     stalled_until: Cycles,
     off: bool,
     steps_to_check: u32,
+    short_steps: u32,
     requests: VecDeque<(Cycles, RadioRequest)>,
     serial: Vec<(Cycles, u8)>,
     log: LogReader,
     stats: BoardStats,
+    watch: Watch,
     /// Femtoseconds of true time at cycle 0, and in 10^18 cycles.
     boot: SimTime,
     fs_per_1e12_cycles: u128,
@@ -118,6 +143,9 @@ pub struct Board {
 
 /// Steps between two looks at what the core only tells when asked: a reset that was requested, a lock-up.
 const CHECK_EVERY: u32 = 64;
+
+/// Steps of one cycle, one behind the other, before the core is asked whether it sleeps.
+const LOOK_FOR_SLEEP: u32 = 4;
 
 /// Femtoseconds in a cycle.
 const FS_PER_CYCLE: u128 = 15_625_000;
@@ -133,9 +161,11 @@ impl Board {
         identity: ChipIdentity,
         mcu_ppm: f64,
         boot_delay: SimDuration,
+        memory: Option<ChipMemory>,
         image: Image,
     ) -> Result<Self, EmulatorError> {
-        let memory = Memory::new();
+        let memory =
+            memory.map_or_else(Memory::new, |memory| Memory::of(memory.flash, memory.uicr));
         for (address, bytes) in image.segments() {
             if !memory.preload(*address, bytes) {
                 return Err(EmulatorError::Image(format!(
@@ -163,10 +193,12 @@ impl Board {
             stalled_until: 0,
             off: false,
             steps_to_check: CHECK_EVERY,
+            short_steps: 0,
             requests: VecDeque::new(),
             serial: Vec::new(),
             log: LogReader::new(&image),
             stats: BoardStats::default(),
+            watch: Watch::default(),
             boot: SimTime::ZERO + boot_delay,
             fs_per_1e12_cycles: (FS_PER_CYCLE as f64 * SCALE as f64 / (1.0 + mcu_ppm * 1e-6))
                 .round() as u128,
@@ -190,6 +222,7 @@ impl Board {
     pub fn stats(&self) -> BoardStats {
         BoardStats {
             cycles: self.now,
+            replies: self.watch.replies,
             ..self.stats.clone()
         }
     }
@@ -202,7 +235,7 @@ impl Board {
     /// The host says `bytes`, from now on, at the rate the firmware has set.
     pub fn say(&mut self, bytes: &[u8]) {
         let now = self.now;
-        self.shared.soc().uart.hear(bytes, now);
+        self.shared.soc().hear(bytes, now);
         self.look_around();
     }
 
@@ -226,6 +259,11 @@ impl Board {
     /// Its flash, to plan power cuts and to look at wear.
     pub fn flash(&self) -> Flash {
         self.shared.soc().memory.flash().clone()
+    }
+
+    /// Its flash and UICR: they outlive the emulation.
+    pub fn memory(&self) -> ChipMemory {
+        self.shared.soc().memory.parts()
     }
 
     /// Whether its supply broke down in the middle of a write to flash, as was planned.
@@ -293,10 +331,19 @@ impl Board {
     /// The level of the radio's interrupt line.
     pub(crate) fn set_radio_interrupt(&mut self, high: bool) {
         let now = self.now;
+        if high {
+            self.watch.raised(now);
+        }
         self.shared
             .soc()
             .drive_pin(wiring::RADIO_INTERRUPT, high, now);
         self.look_around();
+    }
+
+    /// The radio begins to send.
+    pub(crate) fn sends(&mut self, at: SimTime) {
+        let cycle = self.cycle_at(at);
+        self.watch.sends(cycle);
     }
 
     fn wakes_at(&self) -> Cycles {
@@ -363,11 +410,17 @@ impl Board {
             self.look_around();
             self.check_trouble()?;
         }
+        if self.watch.waits() {
+            self.watch.executes(self.now);
+        }
         if cycles == 1 {
-            self.asleep = self.cpu.is_asleep();
-        } else if cycles >= EXCEPTION_ENTRY {
-            self.asleep = false;
-            self.count_interrupt();
+            self.look_for_sleep();
+        } else {
+            self.short_steps = 0;
+            if cycles >= EXCEPTION_ENTRY {
+                self.asleep = false;
+                self.count_interrupt();
+            }
         }
         self.steps_to_check -= 1;
         if self.steps_to_check == 0 {
@@ -379,6 +432,18 @@ impl Board {
             }
         }
         Ok(())
+    }
+
+    /// A sleeping core takes one cycle a step; asking it costs more than a step, so not every short one counts.
+    fn look_for_sleep(&mut self) {
+        self.short_steps += 1;
+        if self.short_steps == LOOK_FOR_SLEEP {
+            self.short_steps = 0;
+            self.asleep = self.cpu.is_asleep();
+            if self.asleep {
+                self.watch.sleeps();
+            }
+        }
     }
 
     /// If an exception has just been entered, counts it.
@@ -434,8 +499,9 @@ impl Board {
                 } => {
                     self.stats.transfers += 1;
                     self.stats.spi_bytes += mosi.len() as u64;
-                    self.stats.spi_cycles +=
-                        8 * mosi.len() as u64 * CPU_HZ / u64::from(bits_per_s.max(1));
+                    let takes = 8 * mosi.len() as u64 * CPU_HZ / u64::from(bits_per_s.max(1));
+                    self.stats.spi_cycles += takes;
+                    self.watch.transfers(&mosi, self.now, takes);
                     self.ask(RadioRequest::Transfer {
                         id,
                         mosi,

@@ -27,6 +27,10 @@ pub struct Emulation {
     boards: Vec<Board>,
     chips: Vec<ChipId>,
     interrupts: Vec<bool>,
+    /// Frames that each radio had begun when last looked at.
+    begun: Vec<u64>,
+    /// Whether somebody holds this radio in reset.
+    held: Vec<bool>,
 }
 
 impl Emulation {
@@ -46,6 +50,8 @@ impl Emulation {
             boards: Vec::new(),
             chips: Vec::new(),
             interrupts: Vec::new(),
+            begun: Vec::new(),
+            held: Vec::new(),
         };
         for (config, image) in sorted {
             if emulation.board(&config.name).is_some() {
@@ -57,11 +63,14 @@ impl Emulation {
                 chip,
                 mcu_ppm,
                 boot_delay,
+                memory,
             } = config;
             emulation.chips.push(emulation.world.add_chip(chip));
-            let board = Board::new(name, identity, mcu_ppm, boot_delay, image)?;
+            let board = Board::new(name, identity, mcu_ppm, boot_delay, memory, image)?;
             emulation.boards.push(board);
             emulation.interrupts.push(false);
+            emulation.begun.push(0);
+            emulation.held.push(false);
         }
         Ok(emulation)
     }
@@ -140,6 +149,19 @@ impl Emulation {
             return false;
         };
         self.world.stick_receiver(chip, self.world.now());
+        true
+    }
+
+    /// Holds a board's radio in reset, whatever its firmware does about it, or lets go of it.
+    pub fn hold_radio(&mut self, name: &str, hold: bool) -> bool {
+        let Some(index) = self.boards.iter().position(|board| board.name() == name) else {
+            return false;
+        };
+        if let (Some(held), Some(&chip)) = (self.held.get_mut(index), self.chips.get(index)) {
+            *held = hold;
+            self.world.set_reset(chip, self.world.now(), hold);
+            self.pass_interrupts();
+        }
         true
     }
 
@@ -225,7 +247,10 @@ impl Emulation {
         match board.take_request() {
             Some(RadioRequest::Select(true)) => self.world.spi_select(chip, at),
             Some(RadioRequest::Select(false)) => self.world.spi_deselect(chip, at),
-            Some(RadioRequest::Reset(low)) => self.world.set_reset(chip, at, low),
+            Some(RadioRequest::Reset(low)) => {
+                let held = self.held.get(index).copied().unwrap_or(false);
+                self.world.set_reset(chip, at, low || held);
+            }
             Some(RadioRequest::Transfer {
                 id,
                 mosi,
@@ -242,8 +267,16 @@ impl Emulation {
         true
     }
 
-    /// Tells boards whose radio's interrupt line has changed.
+    /// Tells boards whose radio's interrupt line has changed, and notes frames that begin.
     fn pass_interrupts(&mut self) {
+        let sending = self.boards.iter_mut().zip(&self.chips);
+        for ((board, &chip), begun) in sending.zip(&mut self.begun) {
+            let now = self.world.frames_begun(chip);
+            if now != *begun {
+                *begun = now;
+                board.sends(self.world.now());
+            }
+        }
         let lines = self.boards.iter_mut().zip(&self.chips);
         for ((board, &chip), before) in lines.zip(&mut self.interrupts) {
             let high = self.world.irq_level(chip);

@@ -14,14 +14,16 @@ mod emulation;
 mod error;
 mod image;
 mod log;
+mod reply;
 mod soc;
 mod stack;
 pub mod wiring;
 
-pub use board::{Board, BoardConfig, BoardStats};
+pub use board::{Board, BoardConfig, BoardStats, ChipMemory};
 pub use emulation::Emulation;
 pub use error::{Access, EmulatorError, Refusal, Seconds, Trouble};
 pub use image::{Image, StackRegion};
 pub use log::LogLine;
+pub use reply::Replies;
 pub use soc::{CPU_HZ, ChipIdentity, Cycles, FLASH_BYTES, RAM_BYTES, RAM_START, ResetReason};
 pub use stack::StackUse;

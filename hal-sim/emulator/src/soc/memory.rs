@@ -13,6 +13,7 @@ use rsemu::core::space::RamStore;
 
 use super::block::{Block, Layout, ro, rw, wo};
 use super::{CPU_HZ, FLASH_BYTES, Lines, Outward, Peripheral};
+use crate::board::ChipMemory;
 use crate::error::Refusal;
 
 /// NVMC's number.
@@ -76,10 +77,15 @@ impl Clone for Memory {
 impl Memory {
     /// Erased.
     pub(crate) fn new() -> Self {
+        Memory::of(Flash::new(FLASH_BYTES as usize / PAGE_BYTES), Flash::new(1))
+    }
+
+    /// Flash and UICR that have been in use.
+    pub(crate) fn of(flash: Flash, uicr: Flash) -> Self {
         let memory = Memory {
             block: Block::new(ID, &LAYOUT),
-            flash: Flash::new(FLASH_BYTES as usize / PAGE_BYTES),
-            uicr: Flash::new(1),
+            flash,
+            uicr,
             copy: Arc::new(RamStore::new(FLASH_BYTES.into())),
         };
         memory.renew_copy();
@@ -89,6 +95,14 @@ impl Memory {
     /// The flash itself, to plan power cuts and to look at wear.
     pub(crate) fn flash(&self) -> &Flash {
         &self.flash
+    }
+
+    /// Flash and UICR.
+    pub(crate) fn parts(&self) -> ChipMemory {
+        ChipMemory {
+            flash: self.flash.clone(),
+            uicr: self.uicr.clone(),
+        }
     }
 
     /// A programmer puts bytes there; false where there is no such memory.

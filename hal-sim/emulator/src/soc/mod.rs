@@ -494,6 +494,12 @@ impl Soc {
         }
     }
 
+    /// The host says `bytes` from `now` on.
+    pub(crate) fn hear(&mut self, bytes: &[u8], now: Cycles) {
+        self.uart.hear(bytes, now);
+        self.refresh(uart::ID);
+    }
+
     /// The processor writes to flash or UICR.
     pub(crate) fn write_memory(&mut self, address: u32, bytes: &[u8], now: Cycles) -> Option<()> {
         let result = self.with(memory::ID, now, |soc, lines| {

@@ -108,8 +108,8 @@ pub(super) fn ficr(identity: &ChipIdentity, offset: u32) -> Option<u32> {
         // Undocumented: by these the vendor's start-up code tells parts and revisions.
         0x130 => 6,
         0x134 => 6,
-        // Undocumented: trim that erratum 108 wants copied.
-        0x258 => 0,
+        // Undocumented: trim that errata 31, 108 and 12 want copied.
+        0x244 | 0x258 | 0x324 => 0,
         0x404..=0x444 => 0,
         // NFC.TAGHEADER.
         0x450..=0x45C => 0xFFFF_FF5F,

@@ -129,7 +129,7 @@ impl Uart {
     }
 
     /// The host says `bytes` from `now` on, at the rate that is set.
-    pub(crate) fn hear(&mut self, bytes: &[u8], now: Cycles) {
+    pub(super) fn hear(&mut self, bytes: &[u8], now: Cycles) {
         let mut at = self.arriving.back().map_or(now, |&(at, _)| at.max(now));
         for &byte in bytes {
             at += self.byte_time();
