@@ -1,8 +1,11 @@
 //! Finding a compiler and a linker for the board, and installing them where that may be done.
 //!
-//! First what is there: the Rust in use with the target, or Debian's compiler, which builds `core` and
+//! The compiler: first what is there: the Rust in use with the target, or Debian's compiler, which builds `core` and
 //! `alloc` from its own source package. Then what can be installed: the target through rustup, Debian's
 //! packages through apt. So nobody waits for the network twice.
+//!
+//! The linker: flip-link around `rust-lld`. It puts the stack below the variables, so that a stack that grows too far
+//! leaves RAM, which faults, instead of overwriting variables, which nobody notices.
 
 use std::env;
 use std::fmt;
@@ -22,6 +25,9 @@ const DEBIAN_PACKAGES: [&str; 3] = ["rustc-web", "cargo-web", "rust-web-src"];
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
 const DEBIAN_SOURCE: &str = "/usr/lib/rustlib/src/rust/library/core/src/lib.rs";
+
+/// The version that works with `rust-lld`.
+const FLIP_LINK: &str = "flip-link@0.1.12";
 
 /// Where the network swallows packets, rustup would wait much longer.
 const RUSTUP_LIMIT: Duration = Duration::from_secs(90);
@@ -126,6 +132,9 @@ pub(crate) fn find_or_install() -> Result<Toolchain> {
     } else {
         bail!(HELP);
     };
+    if find_flip_link().is_none() && has_rust_lld() {
+        install_flip_link();
+    }
     let Some(linker) = find_linker() else {
         bail!(
             "no linker for {TARGET}: install Debian's `lld`, or Rust through rustup, which brings `rust-lld`"
@@ -227,20 +236,13 @@ fn debian_cargo() -> Command {
     command
 }
 
-/// flip-link where it is installed, since with it a stack overflow faults instead of overwriting
-/// variables; then `rust-lld` of the Rust in use; then any LLD.
+/// flip-link around `rust-lld` of the Rust in use; where it could not be had, `rust-lld` alone; then any LLD.
 fn find_linker() -> Option<Linker> {
     let own = rust_lld_folder();
-    let has_rust_lld = own.is_some() || find_on_path("rust-lld").is_some();
-    if has_rust_lld && find_on_path("flip-link").is_some() {
+    if has_rust_lld() {
+        let program = find_flip_link().unwrap_or_else(|| "rust-lld".into());
         return Some(Linker {
-            program: "flip-link".into(),
-            folder: own,
-        });
-    }
-    if has_rust_lld {
-        return Some(Linker {
-            program: "rust-lld".into(),
+            program,
             folder: own,
         });
     }
@@ -249,6 +251,41 @@ fn find_linker() -> Option<Linker> {
         program,
         folder: None,
     })
+}
+
+fn has_rust_lld() -> bool {
+    rust_lld_folder().is_some() || find_on_path("rust-lld").is_some()
+}
+
+/// On PATH, or where `cargo install` puts it.
+fn find_flip_link() -> Option<PathBuf> {
+    find_on_path("flip-link").or_else(|| {
+        let home = env::var_os("CARGO_HOME").map_or_else(
+            || env::home_dir().map(|home| home.join(".cargo")),
+            |home| Some(PathBuf::from(home)),
+        )?;
+        let program = home
+            .join("bin")
+            .join(format!("flip-link{}", env::consts::EXE_SUFFIX));
+        program.is_file().then_some(program)
+    })
+}
+
+/// Without it the firmware still links: a stack that overflows then goes unnoticed, which is said here.
+fn install_flip_link() {
+    let mut command = cargo();
+    command.args(["install", "--locked", FLIP_LINK]);
+    // Not into this workspace's target folder, and not with its settings.
+    command
+        .env_remove("CARGO_TARGET_DIR")
+        .current_dir(env::temp_dir());
+    eprintln!(
+        "flip-link is not installed: running `{}`",
+        display(&command)
+    );
+    if let Err(error) = run(&mut command) {
+        eprintln!("{error:#}: linking without it; a stack that overflows will overwrite variables");
+    }
 }
 
 /// rustup keeps `rust-lld` among the host's libraries, where only its own rustc looks.

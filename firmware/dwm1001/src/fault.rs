@@ -36,7 +36,7 @@ fn panic(info: &PanicInfo) -> ! {
 }
 
 /// Bus errors and undefined instructions. A stack overflow comes here or ends in a lock-up, which resets
-/// the chip as well; without flip-link it goes unnoticed.
+/// the chip as well; linked without flip-link, which `cargo xtask` takes, it goes unnoticed.
 #[allow(unsafe_code)]
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {

@@ -10,6 +10,8 @@ use crate::error::{Access, Refusal};
 
 /// Events begin here.
 pub(crate) const EVENTS: u16 = 0x100;
+/// What is particular to a peripheral begins here; some have EVTEN in front of it.
+pub(crate) const OWN_REGISTERS: u16 = 0x340;
 const SHORTS: u16 = 0x200;
 const INTEN: u16 = 0x300;
 const INTENSET: u16 = 0x304;

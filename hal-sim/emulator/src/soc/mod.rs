@@ -407,6 +407,15 @@ impl Soc {
         });
     }
 
+    /// What an event or an interrupt enable reads as: nothing changes by reading it, and firmware does so over and over
+    /// while it waits. `None` for all other registers.
+    pub(crate) fn peek(&mut self, address: u32) -> Option<u32> {
+        let (id, offset) = place(address);
+        let is_plain = (block::EVENTS..block::OWN_REGISTERS).contains(&offset);
+        let block = self.peripheral(id).filter(|_| is_plain)?.block();
+        block.read(offset).ok()
+    }
+
     /// The processor reads a register of the peripheral bus; `address` is a multiple of 4.
     pub(crate) fn read(&mut self, address: u32, now: Cycles) -> Option<u32> {
         if let Some(value) = plain::erratum(address) {
