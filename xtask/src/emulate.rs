@@ -32,6 +32,9 @@ pub(crate) struct Args {
     /// Other firmware for a board: an ELF file for the nRF52832
     #[arg(long, value_name = "NAME=FILE")]
     elf: Vec<String>,
+    /// Add a radio that answers the vendor's single-sided ranging example, so many metres along the x axis
+    #[arg(long, value_name = "X_M")]
+    vendor_responder: Option<f64>,
 }
 
 /// Builds the firmware and runs it.
@@ -50,6 +53,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     option("--seconds", args.seconds.map(|seconds| seconds.to_string()));
     option("--uart", args.uart.clone());
     option("--board", args.board.clone());
+    option(
+        "--vendor-responder",
+        args.vendor_responder.map(|x_m| x_m.to_string()),
+    );
     for elf in &args.elf {
         option("--elf", Some(elf.clone()));
     }

@@ -284,6 +284,11 @@ impl Board {
         Some(u32::from_le_bytes(word))
     }
 
+    /// The address of the next instruction.
+    pub fn program_counter(&self) -> u32 {
+        self.cpu.pc()
+    }
+
     /// Its image.
     pub fn image(&self) -> &Image {
         &self.image

@@ -8,13 +8,14 @@
 //! served in the order of true time, and the air never passes a board that may still want something earlier. So every
 //! result is the same whatever the order of the boards.
 
-use nova_hal_sim::chip::ChipStats;
+use nova_hal_sim::chip::{ChipConfig, ChipStats};
 use nova_hal_sim::world::{AirStats, ChipId};
 use nova_hal_sim::{ChannelConfig, Fault, LinkEffect, SimDuration, SimTime, World};
 
 use crate::board::{Board, BoardConfig, RadioRequest};
 use crate::error::EmulatorError;
 use crate::image::Image;
+use crate::peer::{Peer, PeerRadio};
 
 /// From an access to a radio until another board's radio can interrupt because of it: the sender starts up (10 us)
 /// and the receiver needs some preamble (16 us and more).
@@ -31,6 +32,25 @@ pub struct Emulation {
     begun: Vec<u64>,
     /// Whether somebody holds this radio in reset.
     held: Vec<bool>,
+    peers: Vec<PeerState>,
+}
+
+struct PeerState {
+    chip: ChipId,
+    peer: Box<dyn Peer>,
+    wakes: Option<SimTime>,
+    interrupts: bool,
+}
+
+/// A radio has started by then.
+const RADIO_STARTED: SimTime = SimTime::from_ms(5);
+
+impl PeerState {
+    fn serve(&mut self, world: &mut World) {
+        let mut radio = PeerRadio::new(world, self.chip);
+        let wait = self.peer.serve(&mut radio);
+        self.wakes = wait.map(|wait| world.now() + wait);
+    }
 }
 
 impl Emulation {
@@ -52,6 +72,7 @@ impl Emulation {
             interrupts: Vec::new(),
             begun: Vec::new(),
             held: Vec::new(),
+            peers: Vec::new(),
         };
         for (config, image) in sorted {
             if emulation.board(&config.name).is_some() {
@@ -73,6 +94,16 @@ impl Emulation {
             emulation.held.push(false);
         }
         Ok(emulation)
+    }
+
+    /// Adds a radio without a board. To be called before time moves.
+    pub fn add_peer(&mut self, chip: ChipConfig, peer: Box<dyn Peer>) {
+        self.peers.push(PeerState {
+            chip: self.world.add_chip(chip),
+            peer,
+            wakes: Some(RADIO_STARTED),
+            interrupts: false,
+        });
     }
 
     /// The board of this name.
@@ -193,6 +224,9 @@ impl Emulation {
                 continue;
             }
             let reached = self.reached();
+            if self.wake_peer(reached) {
+                continue;
+            }
             if reached >= end {
                 self.world.advance_to(end);
                 self.pass_interrupts();
@@ -203,6 +237,21 @@ impl Emulation {
                 self.pass_interrupts();
             }
         }
+    }
+
+    /// Lets a peer act that has waited for this moment, if nothing else comes before.
+    fn wake_peer(&mut self, reached: SimTime) -> bool {
+        let event = self.world.next_event_time().unwrap_or(SimTime::MAX);
+        let is_due = |at: SimTime| at <= reached && at <= event;
+        let mut peers = self.peers.iter_mut();
+        let due = peers.find_map(|peer| Some((peer.wakes.filter(|&at| is_due(at))?, peer)));
+        let Some((at, peer)) = due else {
+            return false;
+        };
+        self.world.advance_to(at);
+        peer.serve(&mut self.world);
+        self.pass_interrupts();
+        true
     }
 
     /// The moment that all boards have reached.
@@ -217,7 +266,9 @@ impl Emulation {
 
     /// Every board runs as far as it may.
     fn run_boards(&mut self, end: SimTime) -> Result<(), EmulatorError> {
-        let next_event = self.world.next_event_time().unwrap_or(SimTime::MAX);
+        let wakes = self.peers.iter().filter_map(|peer| peer.wakes);
+        let next_event = wakes.chain(self.world.next_event_time());
+        let next_event = next_event.min().unwrap_or(SimTime::MAX);
         let earliest: Vec<SimTime> = self.boards.iter().map(Board::earliest_request).collect();
         for (index, board) in self.boards.iter_mut().enumerate() {
             let others = earliest.iter().enumerate().filter(|&(i, _)| i != index);
@@ -237,7 +288,8 @@ impl Emulation {
         };
         let others = self.boards.iter().enumerate().filter(|&(i, _)| i != index);
         let behind = others.map(|(_, board)| board.earliest_request()).min();
-        let event = self.world.next_event_time();
+        let wakes = self.peers.iter().filter_map(|peer| peer.wakes);
+        let event = wakes.chain(self.world.next_event_time()).min();
         if behind.is_some_and(|other| other < at) || event.is_some_and(|event| event <= at) {
             return false;
         }
@@ -276,6 +328,13 @@ impl Emulation {
                 *begun = now;
                 board.sends(self.world.now());
             }
+        }
+        for peer in &mut self.peers {
+            let high = self.world.irq_level(peer.chip);
+            if high && !peer.interrupts {
+                peer.serve(&mut self.world);
+            }
+            peer.interrupts = self.world.irq_level(peer.chip);
         }
         let lines = self.boards.iter_mut().zip(&self.chips);
         for ((board, &chip), before) in lines.zip(&mut self.interrupts) {

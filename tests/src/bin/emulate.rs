@@ -1,7 +1,11 @@
 //! `cargo xtask emulate`: a scenario on emulated boards, and what they did.
 
 use nova_emulator::{Board, BoardStats, CPU_HZ, Image};
-use nova_tests::{BoardLog, EmulatedNetwork, FIRMWARE_VARIABLE, Firmware, Scenario};
+use nova_hal_sim::Motion;
+use nova_hal_sim::chip::ChipConfig;
+use nova_tests::{
+    BoardLog, EmulatedNetwork, FIRMWARE_VARIABLE, Firmware, Scenario, VendorResponder,
+};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -10,7 +14,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 const USAGE: &str = "usage: emulate SCENARIO [--seconds S] [--json] [--log] [--uart tcp://HOST:PORT] [--board NAME] \
-     [--elf NAME=FILE]...";
+     [--elf NAME=FILE]... [--vendor-responder X_M]";
 
 fn main() -> ExitCode {
     match run() {
@@ -31,6 +35,7 @@ struct Arguments {
     uart: Option<String>,
     board: Option<String>,
     foreign: BTreeMap<String, Image>,
+    responder_m: Option<f64>,
 }
 
 fn arguments() -> Result<Arguments, String> {
@@ -48,6 +53,11 @@ fn arguments() -> Result<Arguments, String> {
             "--log" => arguments.log = true,
             "--uart" => arguments.uart = Some(value()?),
             "--board" => arguments.board = Some(value()?),
+            "--vendor-responder" => {
+                let text = value()?;
+                let x_m: f64 = text.parse().map_err(|_| format!("{text} is no place"))?;
+                arguments.responder_m = Some(x_m);
+            }
             "--elf" => {
                 let text = value()?;
                 let (name, path) = text
@@ -78,6 +88,14 @@ fn run() -> Result<(), String> {
         "{FIRMWARE_VARIABLE} does not name the folder of the binaries: `cargo xtask emulate` sets it"
     ))??;
     let mut network = scenario.emulate(&firmware, &arguments.foreign)?;
+    if let Some(x_m) = arguments.responder_m {
+        let chip = ChipConfig {
+            motion: Motion::fixed([x_m, 0.0, 0.0]),
+            ..ChipConfig::default()
+        };
+        let responder = Box::new(VendorResponder::default());
+        network.emulation().add_peer(chip, responder);
+    }
     let seconds = arguments.seconds.unwrap_or(scenario.duration_s);
     let mut host = match &arguments.uart {
         Some(place) => Some(Host::at(place, arguments.board.as_deref(), &mut network)?),
@@ -247,6 +265,15 @@ impl Report {
                 stats.resets.iter().map(|(_, why)| why).collect::<Vec<_>>()
             );
             println!("  counters      {:?}", log.counters);
+            if let Some(radio) = network.emulation().chip_stats(&name) {
+                println!(
+                    "  frames        {} sent, {} received, {} late",
+                    radio.frames_sent, radio.frames_good, radio.late_commands
+                );
+            }
+            if let Some(board) = network.emulation().board(&name) {
+                println!("  stands at     {:#010x}", board.program_counter());
+            }
             if let Some(stack) = stack(network, &name) {
                 println!(
                     "  stack         {} of {} bytes",
