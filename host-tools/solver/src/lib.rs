@@ -43,6 +43,7 @@ pub mod measurement;
 pub mod multilateration;
 pub mod navigation;
 pub mod nova;
+pub mod survey;
 
 mod ambiguity;
 mod error;
