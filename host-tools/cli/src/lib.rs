@@ -3,6 +3,7 @@
 //! | module | what |
 //! |---|---|
 //! | `commands` | one file a subcommand |
+//! | `anchors` | files of surveyed anchors |
 //! | `evaluation` | Monte Carlo tables, whole or in pieces |
 //! | `board` | a board that takes commands |
 //! | `settings` | settings of a flight as given |
@@ -11,6 +12,7 @@
 //! | `page`, `chart` | self-contained HTML pages with pictures |
 //! | [`sim_node`] | the firmware's node on a simulated board |
 
+mod anchors;
 mod arrivals;
 mod board;
 mod board_clock;

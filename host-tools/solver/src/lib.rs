@@ -34,6 +34,7 @@ pub mod bayes_opt;
 pub mod bound;
 pub mod calibration;
 pub mod dop;
+pub mod geodesy;
 pub mod ins;
 pub mod ins_error;
 pub mod kernel;

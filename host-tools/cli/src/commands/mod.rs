@@ -13,6 +13,7 @@ mod listen;
 mod simulate;
 mod solve;
 mod status;
+mod survey;
 mod twr;
 
 use crate::error::BadInput;
@@ -32,6 +33,7 @@ struct Arguments {
 enum Command {
     Demo(demo::Demo),
     Solve(solve::Solve),
+    Survey(survey::Survey),
     Guide(guide::Guide),
     Fly(fly::Fly),
     Evaluate(evaluate::Evaluate),
@@ -64,6 +66,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let result = match arguments.command {
         Command::Demo(command) => command.run(),
         Command::Solve(command) => command.run(),
+        Command::Survey(command) => command.run(),
         Command::Guide(command) => command.run(),
         Command::Fly(command) => command.run(),
         Command::Evaluate(command) => command.run(),

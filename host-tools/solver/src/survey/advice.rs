@@ -114,10 +114,12 @@ fn judge(survey: &Survey, leg: Leg, options: &SurveyOptions) -> Advice {
             Prospect {
                 direction: axes[0],
                 sigma_m: variances[0].max(0.0).sqrt(),
-                rms_m: [
-                    mean_square(anchor, None, options).sqrt(),
-                    mean_square(anchor, Some(&leg), options).sqrt(),
-                ],
+                rms_m: {
+                    // The equations are linear; where a height is open they know less than is known.
+                    let now = covariance.trace().max(0.0);
+                    let then = mean_square(anchor, &leg, options).min(now);
+                    [now.sqrt(), then.sqrt()]
+                },
             }
         })
         .collect();
@@ -132,15 +134,14 @@ fn judge(survey: &Survey, leg: Leg, options: &SurveyOptions) -> Advice {
     }
 }
 
-/// Expected mean square error of one anchor, m^2.
-fn mean_square(anchor: &SurveyedAnchor, leg: Option<&Leg>, options: &SurveyOptions) -> f64 {
+/// Expected mean square error of one anchor after the leg, m^2.
+fn mean_square(anchor: &SurveyedAnchor, leg: &Leg, options: &SurveyOptions) -> f64 {
     let place = anchor.found.position_m;
     let weight = SIGMA_M.powi(-2);
     let other = anchor.found.alternative;
     let mut information = anchor.information;
     let (mut more, mut apart2) = (0.0, 0.0);
-    for k in 0..leg.map_or(0, |_| RANGES) {
-        let Some(leg) = leg else { break };
+    for k in 0..RANGES {
         let along = k as f64 / (RANGES - 1) as f64;
         let from = leg.from_m + (leg.to_m - leg.from_m) * along;
         let away = place - from;
