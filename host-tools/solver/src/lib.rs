@@ -34,6 +34,7 @@ pub mod bayes_opt;
 pub mod bound;
 pub mod calibration;
 pub mod dop;
+pub mod fusion;
 pub mod geodesy;
 pub mod ins;
 pub mod ins_error;
@@ -44,6 +45,7 @@ pub mod measurement;
 pub mod multilateration;
 pub mod navigation;
 pub mod nova;
+pub mod positioning;
 pub mod survey;
 
 mod ambiguity;

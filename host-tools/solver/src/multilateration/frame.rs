@@ -409,6 +409,7 @@ impl<'a> Frame<'a> {
                 .map(|variance| variance.max(0.0).sqrt()),
             range_bias_m: x.w,
             range_bias_sigma_m: solution.covariance[(3, 3)].max(0.0).sqrt(),
+            position_bias_m2: solution.covariance.fixed_view::<3, 1>(0, 3).into_owned(),
             residual_rms_m: (square_sum / used as f64).sqrt(),
             used,
             rejected: self.samples.len() - used,

@@ -40,6 +40,8 @@ pub struct Localisation {
     pub range_bias_m: f64,
     /// Its standard deviation, metres; zero where it was given.
     pub range_bias_sigma_m: f64,
+    /// Covariance of the position's coordinates with the bias, square metres; zero where it was given.
+    pub position_bias_m2: Vector3<f64>,
     /// Root mean square of the used residuals, metres.
     pub residual_rms_m: f64,
     /// Measurements used.

@@ -102,6 +102,8 @@ pub(super) fn judge_height(
         return;
     }
     found.covariance_m2 = covariance / total;
+    // Of the linear solution; over all heights it means nothing, and none is the cautious choice.
+    found.position_bias_m2 = nalgebra::Vector3::zeros();
     found.sigma_m = found.covariance_m2.diagonal().map(|v| v.max(0.0).sqrt());
     if !matches!(found.observability, Observability::Mirror) {
         found.observability = Observability::Weak {

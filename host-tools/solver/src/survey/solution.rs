@@ -309,6 +309,8 @@ fn conclude(
         found.covariance_m2 += widened;
         found.local_covariance_m2 += widened;
         found.sigma_m = found.covariance_m2.diagonal().map(|v| v.max(0.0).sqrt());
+        let linked: Vector3<f64> = moved.fixed_view::<3, 1>(0, 3).into_owned();
+        found.position_bias_m2 += linked;
         found.range_bias_sigma_m = found
             .range_bias_sigma_m
             .hypot(moved[(3, 3)].max(0.0).sqrt());

@@ -102,7 +102,7 @@ impl Track {
     /// `max_gap_s`; `None` before, after and in longer gaps.
     pub fn at(&self, t_s: f64, max_gap_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let after = self.points.partition_point(|point| point.t_s < t_s);
-        let segment = after.checked_sub(1).unwrap_or(0);
+        let segment = after.saturating_sub(1);
         let (from, to) = (self.points.get(segment)?, self.points.get(segment + 1)?);
         let inside = (from.t_s..=to.t_s).contains(&t_s) && to.t_s - from.t_s <= max_gap_s;
         inside.then(|| self.on(segment, t_s))?
@@ -233,9 +233,9 @@ mod tests {
     proptest! {
         #[test]
         fn parabolas_are_followed_exactly_between_inner_points(
-            a in -2.0..2.0, b in -5.0..5.0, t in 1.0..8.0, steps in prop::collection::vec(0.2..1.5, 12),
+            a in -2.0..2.0f64, b in -5.0..5.0f64, t in 1.0..8.0f64, steps in prop::collection::vec(0.2..1.5f64, 12),
         ) {
-            let mut at = 0.0;
+            let mut at = 0.0f64;
             let points: Vec<_> = steps.iter().map(|step| {
                 at += step;
                 point(at, b * at + a * at * at, 0.0, -at)

@@ -1,0 +1,37 @@
+//! Where a tag is, from ranges to anchors whose places are known.
+//!
+//! ```text
+//!  ranges of one moment ─► closed_form ─► multilateration ─► Fix with covariance and DOP
+//!                          (linear)       (robust)   │ ranges disagree
+//!                                                    └► search everywhere ─► one_sided
+//!  ranges one by one ────► RangeFilter    position and velocity over time, any number of anchors
+//!  differences of ranges ► locate_tdoa    anchors that send, a tag that only listens
+//! ```
+//!
+//! Three anchors leave two places, so four are asked for; with the height given, three.
+
+mod closed_form;
+mod filter;
+mod fix;
+mod one_sided;
+mod quality;
+mod tdoa;
+
+pub use closed_form::closed_form;
+pub use filter::{Judgement, RangeFilter, RangeFilterOptions, Tracked};
+pub use fix::{Fix, FixError, locate};
+pub use quality::{Power, sigma_factor};
+pub use tdoa::{RangeDifference, locate_tdoa};
+
+use nalgebra::Vector3;
+
+/// A range to an anchor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AnchorRange {
+    /// Where the anchor is, metres.
+    pub anchor_m: Vector3<f64>,
+    /// Measured distance less the anchor's bias, metres.
+    pub range_m: f64,
+    /// Standard deviation of that, metres.
+    pub sigma_m: f64,
+}

@@ -1,0 +1,392 @@
+//! A tag located from anchors: made, and recorded (see tests/recorded.rs for where recordings are).
+
+#![allow(clippy::unwrap_used)] // the helpers below are tests as well
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector3;
+use nova_solver::multilateration::Height;
+use nova_solver::positioning::{
+    AnchorRange, FixError, Judgement, RangeDifference, RangeFilter, RangeFilterOptions,
+    closed_form, locate, locate_tdoa,
+};
+use nova_solver::survey::{AnchorRanges, SurveyOptions, TagRange, Track, TrackPoint, survey};
+use nova_solver::{Kernel, MultilaterationOptions, SolveError};
+use proptest::prelude::*;
+
+fn ranges(anchors: &[Vector3<f64>], tag: Vector3<f64>) -> Vec<AnchorRange> {
+    anchors
+        .iter()
+        .map(|anchor| AnchorRange {
+            anchor_m: *anchor,
+            range_m: (tag - anchor).norm(),
+            sigma_m: 0.1,
+        })
+        .collect()
+}
+
+const SIX: [Vector3<f64>; 6] = [
+    Vector3::new(10.0, 12.0, 9.0),
+    Vector3::new(12.0, 1.0, 1.0),
+    Vector3::new(9.0, -13.0, 4.0),
+    Vector3::new(-5.0, -8.0, 1.0),
+    Vector3::new(-10.0, 2.0, 5.0),
+    Vector3::new(-4.0, 9.0, 3.0),
+];
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn closed_form_of_clean_ranges_is_exact(
+        x in -15.0..15.0, y in -15.0..15.0, z in -5.0..20.0, flat in any::<bool>(),
+    ) {
+        let tag = Vector3::new(x, y, z);
+        let anchors: Vec<_> = SIX.iter().map(|a| if flat { Vector3::new(a.x, a.y, 2.0) } else { *a }).collect();
+        let found = closed_form(&ranges(&anchors, tag), None);
+        let mirror = Vector3::new(x, y, 4.0 - z);
+        prop_assert_eq!(found.len(), if flat { 2 } else { 1 });
+        let nearest = found.iter().map(|p| (p - tag).norm()).fold(f64::INFINITY, f64::min);
+        prop_assert!(nearest < 1e-6, "{:?}", found);
+        if flat {
+            prop_assert!(found.iter().any(|p| (p - mirror).norm() < 1e-6));
+        }
+        let known = closed_form(&ranges(&anchors, tag), Some(z));
+        prop_assert_eq!(known.len(), 1);
+        prop_assert!((known[0] - tag).norm() < 1e-6);
+    }
+
+    #[test]
+    fn one_blocked_range_of_six_moves_a_fix_by_decimetres_at_most(
+        x in -8.0..8.0, y in -8.0..8.0, z in 2.0..15.0, which in 0usize..6, late in 1.0..20.0,
+    ) {
+        let tag = Vector3::new(x, y, z);
+        let mut given = ranges(&SIX, tag);
+        given[which].range_m += late;
+        let fix = locate(&given, &MultilaterationOptions::default()).unwrap();
+        prop_assert!(!fix.from_closed_form);
+        let error = fix.found.position_m - tag;
+        // With six ranges for three unknowns a blocked one may pass for sound; then the sigma says so.
+        let nees = error.dot(&(fix.found.covariance_m2.try_inverse().unwrap() * error));
+        prop_assert!(error.norm() < 0.3 || nees < 25.0, "{error} {nees}");
+    }
+}
+
+#[test]
+fn too_few_anchors_are_refused_and_a_height_makes_three_enough() {
+    let tag = Vector3::new(1.0, 2.0, 5.0);
+    let options = MultilaterationOptions::default();
+    let three = ranges(&SIX[..3], tag);
+    assert_eq!(
+        locate(&three, &options),
+        Err(FixError::TooFewAnchors { got: 3, needed: 4 })
+    );
+    let twice: Vec<_> = three.iter().chain(&three).copied().collect();
+    assert_eq!(
+        locate(&twice, &options),
+        Err(FixError::TooFewAnchors { got: 3, needed: 4 })
+    );
+    let at_height = MultilaterationOptions {
+        height: Height::Known(5.0),
+        ..options
+    };
+    let fix = locate(&three, &at_height).unwrap();
+    assert!((fix.found.position_m - tag).norm() < 1e-4);
+    let mut bad = ranges(&SIX, tag);
+    bad[4].range_m = f64::NAN;
+    assert!(matches!(
+        locate(&bad, &options),
+        Err(FixError::Solve(SolveError::BadMeasurement { index: 4, .. }))
+    ));
+}
+
+#[test]
+fn filter_refuses_the_past_sets_a_wild_range_aside_and_follows() {
+    let options = RangeFilterOptions::default();
+    let mut filter = RangeFilter::new(options, 0.0, Vector3::new(0.5, 0.0, 5.0), 1.0, 1.0);
+    let place = |t: f64| Vector3::new(0.5 * t, 0.2 * t, 5.0 + 0.1 * t);
+    for k in 1..600 {
+        let t = 0.02 * f64::from(k);
+        let mut range = ranges(&SIX, place(t))[k as usize % 6];
+        if k == 500 {
+            range.range_m += 3.0;
+            assert_eq!(filter.update(t, &range).0, Judgement::SetAside);
+            continue;
+        }
+        assert!(
+            matches!(filter.update(t, &range).0, Judgement::Used(_)),
+            "{k}"
+        );
+    }
+    let state = filter.state();
+    assert!((state.position_m - place(state.t_s)).norm() < 0.05);
+    let range = ranges(&SIX, place(1.0))[0];
+    assert_eq!(filter.update(1.0, &range).0, Judgement::Refused);
+    assert_eq!(filter.update(f64::NAN, &range).0, Judgement::Refused);
+}
+
+fn data(file: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("NOVA_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
+        PathBuf::from,
+    );
+    let path = folder.join(file);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("skipped: {file} is not in {}", folder.display());
+    None
+}
+
+fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    let headers = reader.headers().unwrap().clone();
+    let places = names.map(|name| headers.iter().position(|h| h == name).unwrap());
+    reader
+        .records()
+        .map(|record| {
+            let record = record.unwrap();
+            places.map(|place| record[place].parse().unwrap_or(f64::NAN))
+        })
+        .collect()
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+#[test]
+fn recorded_spots_among_blocked_anchors_are_found_within_35_cm() {
+    let Some(path) = data("C_nlos_dw1000/iiot19.csv") else {
+        return;
+    };
+    type Readings = (Vector3<f64>, Vec<f64>);
+    let mut spots: BTreeMap<i64, (Vector3<f64>, BTreeMap<i64, Readings>)> = BTreeMap::new();
+    let names = [
+        "location",
+        "x_tag_mm",
+        "y_tag_mm",
+        "z_tag_mm",
+        "anchor",
+        "x_anchor_mm",
+        "y_anchor_mm",
+        "z_anchor_mm",
+        "range_mm",
+    ];
+    for [spot, x, y, z, anchor, ax, ay, az, range] in columns(&path, names) {
+        let tag = Vector3::new(x, y, z) / 1000.0;
+        let spot = spots
+            .entry(spot as i64)
+            .or_insert_with(|| (tag, BTreeMap::new()));
+        let place = Vector3::new(ax, ay, az) / 1000.0;
+        let readings = (spot.1.entry(anchor as i64)).or_insert_with(|| (place, Vec::new()));
+        readings.1.push(range / 1000.0);
+    }
+    assert!(spots.len() >= 7);
+    for (spot, (tag, anchors)) in &mut spots {
+        let given: Vec<_> = anchors
+            .values_mut()
+            .map(|(anchor_m, ranges)| AnchorRange {
+                anchor_m: *anchor_m,
+                range_m: median(ranges),
+                // The powers are no help here: weighing by them makes the worst spots worse.
+                sigma_m: 0.05,
+            })
+            .collect();
+        // In the plane: the tag's height is that of its tripod.
+        let options = MultilaterationOptions {
+            height: Height::Known(tag.z),
+            ..MultilaterationOptions::default()
+        };
+        let fix = locate(&given, &options).unwrap();
+        let error = (fix.found.position_m - *tag).xy();
+        let sigma = fix.found.sigma_m.xy();
+        println!(
+            "| {spot} | {} | {} | {:.3} | {:.3} |",
+            given.len(),
+            fix.found.rejected,
+            error.norm(),
+            sigma.norm()
+        );
+        assert!(error.norm() <= 0.35, "{spot}: {error}");
+        let horizontal = fix
+            .found
+            .covariance_m2
+            .fixed_view::<2, 2>(0, 0)
+            .into_owned();
+        let nees = error.dot(&(horizontal.try_inverse().unwrap() * error));
+        assert!(nees < 13.8, "{spot}: {nees}"); // 99.9 % of chi-square with 2
+    }
+}
+
+#[test]
+fn recorded_differences_place_a_tag_at_rest() {
+    let (Some(tdoa), Some(anchors)) = (
+        data("D_crazyflie_tdoa_static/tdoa.csv"),
+        data("D_crazyflie_tdoa_static/anchors.csv"),
+    ) else {
+        return;
+    };
+    let places: BTreeMap<i64, Vector3<f64>> = columns(&anchors, ["anchor", "x_m", "y_m", "z_m"])
+        .iter()
+        .map(|&[anchor, x, y, z]| (anchor as i64, Vector3::new(x, y, z)))
+        .collect();
+    let differences: Vec<_> = columns(&tdoa, ["anchor_a", "anchor_b", "dist_b_minus_dist_a_m"])
+        .iter()
+        .map(|&[a, b, difference_m]| RangeDifference {
+            anchors_m: [places[&(a as i64)], places[&(b as i64)]],
+            difference_m,
+            sigma_m: 0.15,
+        })
+        .collect();
+    let (p, covariance) = locate_tdoa(&differences, Kernel::default()).unwrap();
+    println!(
+        "TDoA: {:.3} {:.3} {:.3}, error {:.3}, sigma {:.3}",
+        p.x,
+        p.y,
+        p.z,
+        p.norm(),
+        covariance.trace().sqrt()
+    );
+    // The truth is the origin. The recording is known to be coarse.
+    assert!(p.norm() < 0.45, "{p}");
+    assert!(matches!(
+        locate_tdoa(&differences[..3], Kernel::default()),
+        Err(SolveError::TooFewMeasurements { got: 3, .. })
+    ));
+}
+
+#[test]
+fn recorded_robot_in_a_labyrinth_is_followed() {
+    let (Some(ranges), Some(truth)) = (
+        data("D2_labyrinth_2d/ranges.csv"),
+        data("D2_labyrinth_2d/truth.csv"),
+    ) else {
+        return;
+    };
+    let rows = columns(&ranges, ["t_s", "range_m", "ax_m", "ay_m"]);
+    let at = |row: &[f64; 4]| AnchorRange {
+        anchor_m: Vector3::new(row[2], row[3], 0.0),
+        range_m: row[1],
+        sigma_m: 0.1,
+    };
+    let in_plane = MultilaterationOptions {
+        height: Height::Known(0.0),
+        ..MultilaterationOptions::default()
+    };
+    let first: Vec<_> = rows[..8].iter().map(at).collect();
+    let start = locate(&first, &in_plane).unwrap().found.position_m;
+    let options = RangeFilterOptions {
+        height_m: Some(0.0),
+        ..RangeFilterOptions::default()
+    };
+    let mut filter = RangeFilter::new(options, rows[0][0], start, 0.2, 0.2);
+    let (mut squares, mut n) = (0.0, 0.0);
+    for (row, truth) in rows.iter().zip(columns(&truth, ["t_s", "x_m", "y_m"])) {
+        filter.update(row[0], &at(row));
+        assert_eq!(row[0], truth[0]);
+        let p = filter.state().position_m;
+        squares += (p.x - truth[1]).powi(2) + (p.y - truth[2]).powi(2);
+        n += 1.0;
+    }
+    let rmse = f64::sqrt(squares / n);
+    println!("labyrinth: RMSE {rmse:.3} m over {n} ranges");
+    assert!(rmse < 0.25, "{rmse}");
+}
+
+/// The four anchors of B2 surveyed from the track, then the vehicle found from its ranges alone. Four
+/// anchors within 2 m of each other, seen from up to 50 m away: a direction is then known to
+/// 5 cm x 50 m / 2 m, which is why the error grows with distance.
+#[test]
+fn recorded_vehicle_is_followed_by_anchors_surveyed_from_its_track() {
+    for case in ["LOSA", "NLOSA"] {
+        let base = format!("B2_dwm1001_outdoor/dyn_{case}_case1");
+        let Some(track) = data(&format!("{base}_rtk_enu.csv")) else {
+            return;
+        };
+        let gnss = data(&format!("{base}_gnss.csv")).unwrap();
+        let status = columns(&gnss, ["t_s", "status"]);
+        let fixed = |t_s: f64| (status.iter()).any(|&[t, status]| t == t_s && status == 2.0);
+        let points: Vec<TrackPoint> = columns(&track, ["t_s", "x_m", "y_m", "z_m"])
+            .iter()
+            .filter(|row| fixed(row[0]))
+            .map(|&[t_s, x, y, z]| TrackPoint {
+                t_s,
+                position_m: Vector3::new(x, y, z + 1.0),
+            })
+            .collect();
+        let truth = Track::new(&points).unwrap();
+        let mut ranges: BTreeMap<i64, (f64, Vec<TagRange>)> = BTreeMap::new();
+        let mut events = Vec::new();
+        let file = data(&format!("{base}_ranges.csv")).unwrap();
+        for [t_s, anchor, range_m, az] in columns(&file, ["t_s", "anchor", "range_m", "az_m"]) {
+            let range = TagRange {
+                t_s,
+                range_m,
+                sigma_m: 0.1,
+            };
+            let of_anchor = ranges.entry(anchor as i64).or_insert((az, Vec::new()));
+            of_anchor.1.push(range);
+            events.push((t_s, anchor as i64, range_m));
+        }
+        events.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let parts: Vec<_> = (ranges.values())
+            .map(|(height, ranges)| AnchorRanges {
+                ranges,
+                height: Height::Known(*height),
+            })
+            .collect();
+        let options = SurveyOptions {
+            max_gap_s: 0.3,
+            ..SurveyOptions::default()
+        };
+        let found = survey(&truth, &parts, &options).unwrap();
+        let anchors: BTreeMap<i64, _> = ranges.keys().copied().zip(&found.anchors).collect();
+        let known = |anchor: i64, range_m: f64| {
+            let f = &anchors[&anchor].found;
+            AnchorRange {
+                anchor_m: f.position_m,
+                range_m: (range_m - f.range_bias_m) / (1.0 + found.common.slope),
+                sigma_m: 0.06,
+            }
+        };
+        // The first place, from the first ranges: the anchors lie nearly on a line, whose two sides only
+        // the later motion tells apart, so the side is given.
+        let filter_options = RangeFilterOptions {
+            height_m: Some(1.0),
+            ..RangeFilterOptions::default()
+        };
+        let start = points[0].position_m;
+        let mut filter = RangeFilter::new(filter_options, f64::NEG_INFINITY, start, 1.0, 0.5);
+        let mut bands = [(0.0, 0.0); 3];
+        for (k, &(t_s, anchor, range_m)) in events.iter().enumerate() {
+            let t_s = t_s - found.common.lag_s;
+            if k == 0 {
+                filter = RangeFilter::new(filter_options, t_s, start, 1.0, 0.5);
+            }
+            filter.update(t_s, &known(anchor, range_m));
+            if let Some((true_m, _)) = truth.at(t_s, 0.3) {
+                let error2 = (filter.state().position_m - true_m).xy().norm_squared();
+                let reach = true_m.x.abs();
+                let band = if reach < 10.0 {
+                    0
+                } else if reach < 20.0 {
+                    1
+                } else {
+                    2
+                };
+                bands[band].0 += error2;
+                bands[band].1 += 1.0;
+            }
+        }
+        let rmse = bands.map(|(sum, n): (f64, f64)| (sum / n).sqrt());
+        let all: (f64, f64) = bands.iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        let whole = (all.0 / all.1).sqrt();
+        println!(
+            "{case} vehicle RMSE: below 10 m {:.3}, 20 m {:.3}, beyond {:.3}, all {whole:.3}",
+            rmse[0], rmse[1], rmse[2]
+        );
+        assert!(rmse[0] < 0.35 && whole < 0.6, "{case} {rmse:?} {whole}");
+    }
+}
