@@ -6,7 +6,8 @@
 //! Read from the top: [`Settings`] (what can be set), [`fly`] (one flight), [`run`] and [`Row`] (many).
 //! Beneath are the [`Scene`], the closed loop and the parts it is made of: [`Vehicle`],
 //! [`Autopilot`], [`Wind`], [`Imu`], [`Barometer`], [`UwbLink`]. [`SCurve`] and [`Positioning`] are
-//! for flights whose path is given.
+//! for flights whose path is given. [`vertiport`] is an experiment of its own: anchors surveyed from the
+//! air, and GNSS, UWB and inertial sensor fused.
 
 mod autopilot;
 mod barometer;
@@ -28,6 +29,7 @@ mod statistics;
 mod streams;
 mod uwb;
 mod vehicle;
+pub mod vertiport;
 mod wind;
 
 pub use autopilot::Autopilot;
