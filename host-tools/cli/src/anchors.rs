@@ -12,13 +12,16 @@
 //! covariance_m2 = [[0.016, -0.018, 0.0], [-0.018, 0.043, 0.0], [0.0, 0.0, 0.01]]
 //! range_bias_m = -0.01        # to be taken off every range
 //! range_bias_sigma_m = 0.13
+//! position_bias_m2 = [0.01, 0.0, 0.0]   # covariance of the coordinates with the bias
 //! ```
 
 use crate::error::bad_input;
 use crate::files::write_whole;
 use crate::peer::Peer;
 use anyhow::Result;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Matrix4};
+use nova_solver::Localisation;
+use nova_solver::fusion::FusionAnchor;
 use nova_solver::geodesy::{Geodetic, LocalFrame};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -66,6 +69,46 @@ pub(crate) struct AnchorEntry {
     pub(crate) range_bias_m: f64,
     #[serde(default)]
     pub(crate) range_bias_sigma_m: f64,
+    #[serde(default)]
+    pub(crate) position_bias_m2: [f64; 3],
+}
+
+impl AnchorEntry {
+    /// An anchor as a survey found it.
+    pub(crate) fn new(node: NodeName, found: &Localisation) -> Self {
+        Self {
+            node,
+            position_m: found.position_m.into(),
+            covariance_m2: found.covariance_m2.into(),
+            range_bias_m: found.range_bias_m,
+            range_bias_sigma_m: found.range_bias_sigma_m,
+            position_bias_m2: found.position_bias_m2.into(),
+        }
+    }
+
+    /// The same for the filter.
+    pub(crate) fn for_fusion(&self) -> FusionAnchor {
+        FusionAnchor {
+            position_m: self.position_m.into(),
+            covariance_m2: self.covariance_m2.into(),
+            bias_m: self.range_bias_m,
+            bias_sigma_m: self.range_bias_sigma_m,
+            position_bias_m2: self.position_bias_m2.into(),
+        }
+    }
+
+    /// Covariance of position and bias together.
+    fn joint_covariance(&self) -> Matrix4<f64> {
+        let mut joint = Matrix4::zeros();
+        let place = Matrix3::from(self.covariance_m2);
+        joint.fixed_view_mut::<3, 3>(0, 0).copy_from(&place);
+        for (i, linked) in self.position_bias_m2.into_iter().enumerate() {
+            joint[(i, 3)] = linked;
+            joint[(3, i)] = linked;
+        }
+        joint[(3, 3)] = self.range_bias_sigma_m.powi(2);
+        joint
+    }
 }
 
 /// A number or a word.
@@ -111,19 +154,21 @@ impl AnchorsFile {
             let finite = (anchor.position_m.iter())
                 .chain(anchor.covariance_m2.as_flattened())
                 .chain([&anchor.range_bias_m, &anchor.range_bias_sigma_m])
+                .chain(&anchor.position_bias_m2)
                 .all(|v| v.is_finite() && v.abs() < 1e9);
             if !finite {
                 return Err(bad_input!(
                     "{name}: anchor {peer}: a number is not finite or absurdly large"
                 ));
             }
-            let covariance = Matrix3::from(anchor.covariance_m2);
+            let covariance = anchor.joint_covariance();
             let lopsided =
                 (covariance - covariance.transpose()).amax() > 1e-6 * (1.0 + covariance.amax());
             let smallest = covariance.symmetric_eigenvalues().min();
             if lopsided || smallest < -1e-6 * (1.0 + covariance.amax()) {
                 return Err(bad_input!(
-                    "{name}: anchor {peer}: covariance_m2 must be symmetric and not negative"
+                    "{name}: anchor {peer}: covariance_m2 (with range_bias_sigma_m and position_bias_m2) must be \
+                     symmetric and not negative"
                 ));
             }
             if anchor.range_bias_sigma_m < 0.0 {

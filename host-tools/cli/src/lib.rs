@@ -25,6 +25,7 @@ mod interrupt;
 mod node_address;
 mod page;
 mod peer;
+mod place;
 mod record_line;
 mod screen;
 mod settings;

@@ -8,6 +8,7 @@ mod demo;
 mod evaluate;
 mod filter;
 mod fly;
+mod fuse;
 mod guide;
 mod listen;
 mod simulate;
@@ -34,6 +35,7 @@ enum Command {
     Demo(demo::Demo),
     Solve(solve::Solve),
     Survey(survey::Survey),
+    Fuse(fuse::Fuse),
     Guide(guide::Guide),
     Fly(fly::Fly),
     Evaluate(evaluate::Evaluate),
@@ -67,6 +69,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Demo(command) => command.run(),
         Command::Solve(command) => command.run(),
         Command::Survey(command) => command.run(),
+        Command::Fuse(command) => command.run(),
         Command::Guide(command) => command.run(),
         Command::Fly(command) => command.run(),
         Command::Evaluate(command) => command.run(),

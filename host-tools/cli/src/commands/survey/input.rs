@@ -3,7 +3,8 @@
 use super::Survey;
 use crate::error::bad_input;
 use crate::peer::Peer;
-use crate::table::{Column, Row, Table, file_name};
+use crate::place::{Place, Triple};
+use crate::table::{Row, Table, file_name};
 use anyhow::Result;
 use nalgebra::Vector3;
 use nova_solver::geodesy::{Geodetic, LocalFrame};
@@ -11,25 +12,6 @@ use nova_solver::survey::{TagRange, Track, TrackPoint};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::str::FromStr;
-
-/// `E,N,U`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Triple(Vector3<f64>);
-
-impl FromStr for Triple {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Vec<f64> = (text.split(','))
-            .filter_map(|part| part.trim().parse().ok())
-            .filter(|v: &f64| v.is_finite())
-            .collect();
-        match numbers[..] {
-            [a, b, c] if text.split(',').count() == 3 => Ok(Self(Vector3::new(a, b, c))),
-            _ => Err("not three numbers with commas between".to_owned()),
-        }
-    }
-}
 
 /// `LAT,LON,H`.
 #[derive(Clone, Copy, Debug)]
@@ -106,30 +88,6 @@ const RANGE_COLUMNS: [&str; 10] = [
 ];
 const TRACK_COLUMNS: [&str; 7] = ["t_s", "x_m", "y_m", "z_m", "lat_deg", "lon_deg", "alt_m"];
 
-/// Columns of a place.
-enum Place<'a> {
-    Local([Column<'a>; 3]),
-    Geodetic([Column<'a>; 3]),
-}
-
-impl<'a> Place<'a> {
-    fn of(table: &Table) -> Result<Self> {
-        if table.find("lat_deg")?.is_some() && table.find("x_m")?.is_none() {
-            Ok(Self::Geodetic([
-                table.require("lat_deg")?,
-                table.require("lon_deg")?,
-                table.require("alt_m")?,
-            ]))
-        } else {
-            Ok(Self::Local([
-                table.require("x_m")?,
-                table.require("y_m")?,
-                table.require("z_m")?,
-            ]))
-        }
-    }
-}
-
 /// Points of a track as they come.
 struct Points {
     origin: Option<Origin>,
@@ -140,22 +98,10 @@ struct Points {
 
 impl Points {
     fn add(&mut self, row: &Row<'_>, t_s: f64, place: &Place<'_>) -> Result<()> {
-        let read = |columns: &[Column<'_>; 3]| -> Result<[f64; 3]> {
-            let [a, b, c] = *columns;
-            Ok([row.number(a)?, row.number(b)?, row.number(c)?])
-        };
-        let position_m = match place {
-            Place::Local(columns) => Vector3::from(read(columns)?),
-            Place::Geodetic(columns) => {
-                let [lat_deg, lon_deg, height_m] = read(columns)?;
-                let here = Geodetic::new(lat_deg, lon_deg, height_m)
-                    .map_err(|error| row.complain(columns[0], &format!("makes {error}")))?;
-                let first = self.origin.map_or(here, |Origin(origin)| origin);
-                self.frame
-                    .get_or_insert_with(|| LocalFrame::at(first))
-                    .enu_of(&here)
-            }
-        };
+        if let (None, Some(Origin(origin))) = (&self.frame, self.origin) {
+            self.frame = Some(LocalFrame::at(origin));
+        }
+        let position_m = place.read(row, &mut self.frame)?;
         self.points.push(TrackPoint {
             t_s,
             position_m: position_m + self.offset,

@@ -6,9 +6,10 @@ mod report;
 
 use crate::anchors::{AnchorEntry, AnchorsFile, CommonEntry, NodeName};
 use crate::error::bad_input;
+use crate::place::Triple;
 use crate::table::{ColumnNames, file_name};
 use anyhow::Result;
-use input::{GivenHeight, Input, Kept, Origin, Triple};
+use input::{GivenHeight, Input, Kept, Origin};
 use nova_solver::multilateration::{Height, Noise};
 use nova_solver::survey::{
     AnchorRanges, SurveyError, SurveyOptions, advise, as_measured, inverted_uwb, survey,
@@ -160,7 +161,7 @@ impl Survey {
                 return Err(bad_input!("{name} must be 0 or more"));
             }
         }
-        if !(self.max_gap > 0.0) {
+        if self.max_gap.is_nan() || self.max_gap <= 0.0 {
             return Err(bad_input!("--max-gap must be more than 0 seconds"));
         }
         if !self.bias.is_finite() {
@@ -235,13 +236,7 @@ fn anchors_file(
         }),
         origin: input.frame.map(|frame| frame.origin().into()),
         anchors: (peers.iter().zip(&found.anchors))
-            .map(|(peer, anchor)| AnchorEntry {
-                node: NodeName::from(peer),
-                position_m: anchor.found.position_m.into(),
-                covariance_m2: anchor.found.covariance_m2.into(),
-                range_bias_m: anchor.found.range_bias_m,
-                range_bias_sigma_m: anchor.found.range_bias_sigma_m,
-            })
+            .map(|(peer, anchor)| AnchorEntry::new(NodeName::from(peer), &anchor.found))
             .collect(),
     }
 }
