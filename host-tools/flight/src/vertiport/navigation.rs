@@ -244,6 +244,12 @@ impl<'a> UwbPositions<'a> {
             let found = locate(&ranges, &MultilaterationOptions::default())
                 .ok()?
                 .found;
+            // Whoever sets ranges aside must not start on the wrong side of the anchors' plane: from there
+            // it is the right ones that look wrong.
+            let sure = found.observable() && found.rejected == 0 && found.used >= 5;
+            if self.judge_ranges && !sure {
+                return None;
+            }
             let options = RangeFilterOptions {
                 acceleration: 1.0,
                 judge_ranges: self.judge_ranges,
