@@ -46,7 +46,8 @@ pub enum FixError {
 /// size of the sigmas. Otherwise blocked ranges may have made a false minimum: the search of
 /// [`multilaterate`] over the spheres of the ranges begins anew, and its answer is refined by the
 /// knowledge that blocked paths are longer, never shorter. That takes the sigmas for those of line of
-/// sight; the covariance stays that of the search, which has seen how far the ranges scatter.
+/// sight; the covariance is that of the search, which has seen how far the ranges scatter, widened by how
+/// far the two answers are apart.
 ///
 /// # Errors
 /// [`FixError`]: fewer than four anchors (three with the height known), or what
@@ -102,6 +103,10 @@ pub fn locate(ranges: &[AnchorRange], options: &MultilaterationOptions) -> Resul
 
 /// Replaces the place, and what hangs on it.
 fn move_to(found: &mut Localisation, ranges: &[AnchorRange], place: Vector3<f64>, reject: f64) {
+    // Two explanations of the same ranges: how far they are apart is doubt.
+    let apart = place - found.position_m;
+    found.covariance_m2 += apart * apart.transpose();
+    found.sigma_m = found.covariance_m2.diagonal().map(|v| v.max(0.0).sqrt());
     found.position_m = place;
     let (mut used, mut squares) = (0usize, 0.0);
     for (residual, range) in found.residuals.iter_mut().zip(ranges) {
