@@ -16,8 +16,13 @@ use std::collections::BTreeMap;
 const STARTED_S: f64 = 0.05;
 /// And has answered by then.
 const ANSWERED_S: f64 = 0.25;
-/// The word `listener` of the setting `part`.
+/// The words `initiator` and `listener` of the setting `part`, `free` of `sharing`, `on` of `sleep`.
+const INITIATOR: u32 = 1;
 const LISTENER: u32 = 2;
+const FREE: u32 = 0;
+const ON: u32 = 1;
+/// Period of a low-power tag unless the scenario says otherwise.
+const SLEEPER_PERIOD_US: u32 = 100_000;
 
 impl Scenario {
     /// The scenario's boards with their firmware, switched on now. Boards that `foreign` names run its images, to which
@@ -39,7 +44,7 @@ impl Scenario {
             let at = |error: String| format!("{}: {error}", board.name);
             let image = match board.role {
                 BoardRole::Anchor => &firmware.anchor,
-                BoardRole::Tag | BoardRole::Listener => &firmware.tag,
+                BoardRole::Tag | BoardRole::Listener | BoardRole::Sleeper => &firmware.tag,
             };
             let memory = board.provision(image).map_err(at)?;
             boards.push((board.emulated(Some(memory))?, image.clone()));
@@ -74,7 +79,8 @@ impl Scenario {
     /// # Errors
     /// All expectations that were not met, one a line.
     pub fn check_emulated(&self, network: &EmulatedNetwork) -> Result<(), String> {
-        self.check_all(|name| network.log(name))
+        // What an emulated board's radio draws is not asked.
+        self.check_all(|name| network.log(name), |_| None)
     }
 }
 
@@ -97,6 +103,7 @@ impl Board {
                 otp: simulated.otp,
                 timing: simulated.chip_timing,
                 quirks: simulated.quirks,
+                supply_currents: simulated.supply_currents,
             },
             mcu_ppm: simulated.mcu_ppm,
             boot_delay: simulated.boot_delay,
@@ -134,13 +141,21 @@ impl Board {
 
     fn changes(&self) -> Result<Changes, String> {
         let number = |setting, value: Option<u32>| value.map(|v| (setting, Value::Number(v)));
-        let listens = matches!(self.role, BoardRole::Listener);
+        let sleeps = matches!(self.role, BoardRole::Sleeper);
+        let part = match self.role {
+            BoardRole::Listener => Some(LISTENER),
+            BoardRole::Sleeper => Some(INITIATOR),
+            BoardRole::Tag | BoardRole::Anchor => None,
+        };
+        let period_us = self.period_us.or(sleeps.then_some(SLEEPER_PERIOD_US));
         let peers = Addresses::new(&self.peers).ok_or("too many peers")?;
         let wanted = [
             number(Setting::Address, Some(self.address.into())),
             number(Setting::Pan, self.pan.map(u32::from)),
-            number(Setting::Part, listens.then_some(LISTENER)),
-            number(Setting::PeriodUs, self.period_us),
+            number(Setting::Part, part),
+            number(Setting::Sharing, sleeps.then_some(FREE)),
+            number(Setting::Sleep, sleeps.then_some(ON)),
+            number(Setting::PeriodUs, period_us),
             number(Setting::PerRound, self.per_round.map(u32::from)),
             number(Setting::ReplyUs, self.reply_us),
             (!self.peers.is_empty()).then_some((Setting::Peers, Value::Addresses(peers))),

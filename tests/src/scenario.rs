@@ -253,23 +253,31 @@ impl Scenario {
             .run_until_s(self.duration_s)
             .map_err(|error| error.to_string())?;
 
-        self.check_all(|name| network.log(self.index(name).ok()?))
+        let ids: Vec<_> = (0..self.board.len()).map(|i| network.id(i)).collect();
+        let drawn: Vec<_> = (ids.into_iter())
+            .map(|id| network.sim().consumption(id?))
+            .collect();
+        self.check_all(
+            |name| network.log(self.index(name).ok()?),
+            |name| drawn.get(self.index(name).ok()?).cloned().flatten(),
+        )
     }
 
-    /// Compares what boards have said with what is expected.
+    /// Compares what boards have said, and what their radios have drawn where that is known, with what is
+    /// expected.
     ///
     /// # Errors
     /// All expectations that were not met, one a line.
     pub(crate) fn check_all<'l>(
         &self,
         log: impl Fn(&str) -> Option<&'l BoardLog>,
+        drawn: impl Fn(&str) -> Option<Consumption>,
     ) -> Result<(), String> {
         let mut unmet = String::new();
         for expectation in &self.expect {
             let log = log(&expectation.board).ok_or("no log")?;
             self.check(expectation, log, &mut unmet)?;
-            let id = self.id(&network, &expectation.board)?;
-            if let Some(drawn) = network.sim().consumption(id) {
+            if let Some(drawn) = drawn(&expectation.board) {
                 self.check_supply(expectation, &drawn, &mut unmet);
             }
         }
