@@ -408,7 +408,7 @@ fn any_order(firmware: &Firmware) -> Result<(), Failed> {
             boards.reverse();
         }
         let mut network = EmulatedNetwork::new(11, ChannelConfig::default(), boards)?;
-        network.run_until_s(0.4)?;
+        network.run_until_s(1.5)?;
         let bytes = ["a", "b", "c"].map(|name| network.log(name).map(|log| log.bytes.clone()));
         Ok(bytes.into_iter().flatten().collect())
     };

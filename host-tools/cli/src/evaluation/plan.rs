@@ -45,7 +45,6 @@ pub(crate) struct Entry {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) flown_by: Option<Method>,
     pub(crate) settings: Settings,
-    #[serde(flatten)]
     pub(crate) beside: Beside,
 }
 

@@ -22,7 +22,7 @@
 //! - **Far from linear.** After minutes of GNSS alone the position is known to ten metres, and a range
 //!   to an anchor thirty metres away bends over that. Its mean and variance are then taken to second
 //!   order, and as soon as five anchors are heard their ranges are solved together
-//!   ([`locate`](crate::positioning::locate)) for a position, which is linear. The same happens when the
+//!   ([`locate`]) for a position, which is linear. The same happens when the
 //!   filter has been found to be wrong.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
