@@ -2,8 +2,10 @@
 
 #![allow(clippy::unwrap_used)] // the helpers below are tests as well
 
+mod recordings;
+
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::Vector3;
 use nova_solver::multilateration::Height;
@@ -16,6 +18,7 @@ use nova_solver::{Kernel, MultilaterationOptions, SolveError};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use recordings::data;
 
 fn ranges(anchors: &[Vector3<f64>], tag: Vector3<f64>) -> Vec<AnchorRange> {
     anchors
@@ -135,19 +138,6 @@ fn filter_refuses_the_past_sets_a_wild_range_aside_and_follows() {
     let range = ranges(&SIX, place(1.0))[0];
     assert_eq!(filter.update(1.0, &range).0, Judgement::Refused);
     assert_eq!(filter.update(f64::NAN, &range).0, Judgement::Refused);
-}
-
-fn data(file: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("NOVA_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
-        PathBuf::from,
-    );
-    let path = folder.join(file);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {file} is not in {}", folder.display());
-    None
 }
 
 fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {

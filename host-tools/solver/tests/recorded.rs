@@ -9,30 +9,20 @@
 
 #![allow(clippy::unwrap_used)] // the helpers below are tests as well
 
+mod recordings;
+
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::Vector3;
 use nova_solver::multilateration::RangeBias;
 use nova_solver::{
     Localisation, MultilaterationOptions, Observability, RangeMeasurement, multilaterate,
 };
+use recordings::data;
 
 type Flight = BTreeMap<i64, Vec<RangeMeasurement>>;
 type Survey = BTreeMap<i64, Vector3<f64>>;
-
-fn data(file: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("NOVA_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
-        PathBuf::from,
-    );
-    let path = folder.join(file);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {file} is not in {}", folder.display());
-    None
-}
 
 /// Rows as maps from column to number; what is not a number becomes NaN.
 fn rows(path: &Path) -> Vec<BTreeMap<String, f64>> {

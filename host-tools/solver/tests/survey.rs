@@ -5,8 +5,10 @@
 
 #![allow(clippy::unwrap_used)] // the helpers below are tests as well
 
+mod recordings;
+
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::Vector3;
 use nova_solver::multilateration::Height;
@@ -18,6 +20,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use recordings::data;
 
 /// A climbing loop at some 3 m/s.
 fn place(t_s: f64) -> Vector3<f64> {
@@ -288,19 +291,6 @@ fn bad_input_is_named() {
             ..
         })
     ));
-}
-
-fn data(file: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("NOVA_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
-        PathBuf::from,
-    );
-    let path = folder.join(file);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {file} is not in {}", folder.display());
-    None
 }
 
 fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
