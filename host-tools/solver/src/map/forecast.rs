@@ -11,6 +11,7 @@
 //! the variance `tr((C P)^2) / 2` with the curvature `C = (I - u u^T) / d` (the second-order
 //! filter of Athans, Wishner and Bertolini 1968); it counts as noise.
 
+use super::bend::Bend;
 use super::guidance::{self, Approach, Shape};
 use crate::bound::{Covariance, Recursion, mean_error_m};
 use crate::ins_error::InsNoise;
@@ -88,16 +89,10 @@ impl Forecast {
         let direction = -offset_m / range_m;
         let white = self.range_sigma_m.powi(2) + (direction.z * self.ins.height_sigma_m).powi(2);
         // What a straight line leaves out does not average over a stretch as white noise does.
-        let bent = bent_m2(covariance, &direction, range_m) * (COHERENT_S / dt_s).max(1.0);
+        let bent =
+            Bend::new(covariance, &direction, range_m).variance_m2() * (COHERENT_S / dt_s).max(1.0);
         recursion.observe(direction, (white / ranges + bent).sqrt());
     }
-}
-
-/// Variance of a range that a straight line leaves out, m^2.
-fn bent_m2(covariance: &Matrix3<f64>, direction: &Vector3<f64>, range_m: f64) -> f64 {
-    let across = Matrix3::identity() - direction * direction.transpose();
-    let product = across * covariance;
-    0.5 * product.component_mul(&product.transpose()).sum() / (range_m * range_m)
 }
 
 #[cfg(test)]
@@ -163,15 +158,5 @@ mod tests {
         assert!(
             forecast.cost_m(&SHAPE, approach(5.0)) > 1.5 * forecast.cost_m(&SHAPE, approach(40.0))
         );
-    }
-
-    #[test]
-    fn the_bend_of_a_range_is_that_of_a_sphere() {
-        // Across the line of sight, 0.3 m at a distance of 2 m: half of the variance of y^2 / d.
-        let mut covariance = Matrix3::zeros();
-        covariance[(1, 1)] = 0.09;
-        let bent = bent_m2(&covariance, &Vector3::x(), 2.0);
-        assert!((bent - 0.5 * (0.09 / 2.0_f64).powi(2)).abs() < 1e-12);
-        assert_eq!(bent_m2(&covariance, &Vector3::y(), 2.0), 0.0);
     }
 }

@@ -17,6 +17,7 @@
 //! reckoning, its velocity and acceleration, range bias. With `ins` the reading of dead reckoning,
 //! `r - ins` is the way from vehicle to tag.
 
+use super::bend::Bend;
 use super::likelihood::RangeLikelihood;
 use super::noise::NoiseModel;
 use super::record::Observation;
@@ -42,8 +43,8 @@ const RAISE: f64 = 4.0;
 const LAST_BAR: f64 = 1e9;
 /// Gaussians of less weight are dropped.
 const LEAST_WEIGHT: f64 = 1e-6;
-/// Distances below this bend no more than at it, metres.
-const LEAST_DISTANCE_M: f64 = 0.05;
+/// A range that is less likely sound than this tells a Gaussian nothing.
+const LEAST_SOUND: f64 = 1e-3;
 
 type State = SVector<f64, STATES>;
 
@@ -136,9 +137,10 @@ impl Mixture {
         let variance = observation.variance_m2();
         let mut i = 0;
         while i < self.components.len() {
-            let wide = self.components[i].bend(observation);
-            if wide.variance_m2 > BENT * variance && self.components.len() + 2 <= ROOM {
-                let [low, middle, high] = self.components[i].split_along(wide.direction);
+            let (u, distance) = self.components[i].sight(observation);
+            let bend = self.components[i].bend(&u, distance);
+            if bend.variance_m2() > BENT * variance && self.components.len() + 2 <= ROOM {
+                let [low, middle, high] = self.components[i].split_along(bend.direction());
                 self.components[i] = middle;
                 self.components.push(low);
                 self.components.push(high);
@@ -198,14 +200,6 @@ impl Mixture {
     }
 }
 
-/// How a range bends within a Gaussian.
-struct Bend {
-    /// Variance that a straight line leaves out, m^2.
-    variance_m2: f64,
-    /// Along which it bends most, a unit vector.
-    direction: Vector3<f64>,
-}
-
 impl Component {
     fn step(&mut self, dt_s: f64) {
         let dt_s = dt_s.max(0.0);
@@ -226,20 +220,9 @@ impl Component {
         (sight / distance.max(1e-9), distance)
     }
 
-    fn bend(&self, observation: &Observation) -> Bend {
-        let (u, distance) = self.sight(observation);
-        let across = Matrix3::identity() - u * u.transpose();
-        let covariance = self.covariance.fixed_view::<3, 3>(0, 0);
-        let seen = across * covariance * across / distance.max(LEAST_DISTANCE_M);
-        // The largest direction by a few multiplications: which of two alike is of no matter.
-        let mut direction = seen.column(seen.diagonal().imax()).into_owned();
-        for _ in 0..4 {
-            direction = (seen * direction).try_normalize(0.0).unwrap_or(direction);
-        }
-        Bend {
-            variance_m2: 0.5 * seen.norm_squared(),
-            direction,
-        }
+    fn bend(&self, u: &Vector3<f64>, distance: f64) -> Bend {
+        let covariance = self.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        Bend::new(&covariance, u, distance)
     }
 
     /// Three that together are nearly this one, narrower along `direction` of `r`.
@@ -264,20 +247,18 @@ impl Component {
     /// Takes a range; what of it may be an outlier counts less.
     fn observe(&mut self, observation: &Observation, noise: &NoiseModel) {
         let (u, distance) = self.sight(observation);
-        let bend = self.bend(observation).variance_m2;
-        let variance = observation.variance_m2() + bend;
+        let bend = self.bend(&u, distance);
+        let variance = observation.variance_m2() + bend.variance_m2();
         let mut seen = self.covariance.fixed_columns::<3>(0) * u;
         seen += self.covariance.column(BIAS);
         let foretold = u.dot(&seen.fixed_rows::<3>(0)) + seen[BIAS];
-        // The mean of a bent range lies above the range of the mean.
-        let lifted = self.lift_m(&u, distance);
-        let off = distance + lifted + self.mean[BIAS] - observation.range_m;
+        let off = distance + bend.lift_m() + self.mean[BIAS] - observation.range_m;
         let likelihood = RangeLikelihood {
             outlier_probability: noise.outlier_probability,
         };
         let influence = likelihood.influence(off, foretold + variance);
         self.weight *= (-influence.cost).exp();
-        if influence.sound < 1e-3 {
+        if influence.sound < LEAST_SOUND {
             return;
         }
         let variance = variance / influence.sound;
@@ -285,13 +266,6 @@ impl Component {
         let mut recursion = Recursion::from_covariance(self.noise, self.covariance);
         recursion.observe(u, variance.sqrt());
         self.covariance = *recursion.covariance();
-    }
-
-    /// Half the trace of curvature times covariance.
-    fn lift_m(&self, u: &Vector3<f64>, distance: f64) -> f64 {
-        let covariance = self.covariance.fixed_view::<3, 3>(0, 0);
-        let along = (u.transpose() * covariance * u)[0];
-        0.5 * (covariance.trace() - along) / distance.max(LEAST_DISTANCE_M)
     }
 
     /// How much is lost by merging: weighted squared distance of the means, in the horizontal plane.

@@ -24,6 +24,7 @@
 //! that wanders twenty times as much as preset R's, one flight in a hundred or two is led astray;
 //! `docs/nova.md` has the figures.
 
+mod bend;
 mod elimination;
 mod forecast;
 mod guidance;

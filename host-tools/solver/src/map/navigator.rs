@@ -208,19 +208,7 @@ impl MapNavigator {
                 self.mixture.stop();
             }
         }
-        let known = self
-            .newest()
-            .is_some_and(|newest| newest.t_s == observation.t_s);
-        let young = self
-            .start
-            .is_none_or(|start| observation.t_s - start.t_s < YOUNG_S);
-        let spread = self
-            .hypotheses
-            .relative_covariance()
-            .symmetric_eigenvalues();
-        let compact = spread.max() < (COMPACT_SHARE * observation.range_m).powi(2);
-        let running = self.mixture.is_running();
-        if !running && height_m < CLOSE_M && known && !young && compact {
+        if !self.mixture.is_running() && height_m < CLOSE_M && self.may_begin(observation) {
             if let Some(record) = &self.record {
                 let components = self.hypotheses.components(record, &mut self.factors);
                 self.mixture.start(components, observation);
@@ -228,6 +216,22 @@ impl MapNavigator {
             self.score_at_start = best.score();
         }
         self.close = self.mixture.moments();
+    }
+
+    /// Whether the explanations are ripe for a mixture: of this observation, after a while, and together.
+    fn may_begin(&self, observation: &Observation) -> bool {
+        let known = self
+            .newest()
+            .is_some_and(|newest| newest.t_s == observation.t_s);
+        let young = self
+            .start
+            .is_none_or(|start| observation.t_s - start.t_s < YOUNG_S);
+        let compact = || {
+            let spread = self.hypotheses.relative_covariance();
+            let limit_m = COMPACT_SHARE * observation.range_m;
+            spread.symmetric_eigenvalues().max() < limit_m.powi(2)
+        };
+        known && !young && compact()
     }
 
     /// Looks for other explanations, often at first and now and then later.
