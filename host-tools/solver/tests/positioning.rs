@@ -5,20 +5,18 @@
 mod recordings;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use nalgebra::Vector3;
 use nova_solver::multilateration::Height;
 use nova_solver::positioning::{
-    AnchorRange, FixError, Judgement, RangeDifference, RangeFilter, RangeFilterOptions,
-    closed_form, locate, locate_tdoa,
+    AnchorRange, FixError, Judgement, RangeFilter, RangeFilterOptions, closed_form, locate,
 };
 use nova_solver::survey::{AnchorRanges, SurveyOptions, TagRange, Track, TrackPoint, survey};
-use nova_solver::{Kernel, MultilaterationOptions, SolveError};
+use nova_solver::{MultilaterationOptions, SolveError};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use recordings::data;
+use recordings::{columns, data};
 
 fn ranges(anchors: &[Vector3<f64>], tag: Vector3<f64>) -> Vec<AnchorRange> {
     anchors
@@ -140,19 +138,6 @@ fn filter_refuses_the_past_sets_a_wild_range_aside_and_follows() {
     assert_eq!(filter.update(f64::NAN, &range).0, Judgement::Refused);
 }
 
-fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
-    let mut reader = csv::Reader::from_path(path).unwrap();
-    let headers = reader.headers().unwrap().clone();
-    let places = names.map(|name| headers.iter().position(|h| h == name).unwrap());
-    reader
-        .records()
-        .map(|record| {
-            let record = record.unwrap();
-            places.map(|place| record[place].parse().unwrap_or(f64::NAN))
-        })
-        .collect()
-}
-
 fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]
@@ -220,43 +205,6 @@ fn recorded_spots_among_blocked_anchors_are_found_within_35_cm() {
         let nees = error.dot(&(horizontal.try_inverse().unwrap() * error));
         assert!(nees < 13.8, "{spot}: {nees}"); // 99.9 % of chi-square with 2
     }
-}
-
-#[test]
-fn recorded_differences_place_a_tag_at_rest() {
-    let (Some(tdoa), Some(anchors)) = (
-        data("D_crazyflie_tdoa_static/tdoa.csv"),
-        data("D_crazyflie_tdoa_static/anchors.csv"),
-    ) else {
-        return;
-    };
-    let places: BTreeMap<i64, Vector3<f64>> = columns(&anchors, ["anchor", "x_m", "y_m", "z_m"])
-        .iter()
-        .map(|&[anchor, x, y, z]| (anchor as i64, Vector3::new(x, y, z)))
-        .collect();
-    let differences: Vec<_> = columns(&tdoa, ["anchor_a", "anchor_b", "dist_b_minus_dist_a_m"])
-        .iter()
-        .map(|&[a, b, difference_m]| RangeDifference {
-            anchors_m: [places[&(a as i64)], places[&(b as i64)]],
-            difference_m,
-            sigma_m: 0.15,
-        })
-        .collect();
-    let (p, covariance) = locate_tdoa(&differences, Kernel::default()).unwrap();
-    println!(
-        "TDoA: {:.3} {:.3} {:.3}, error {:.3}, sigma {:.3}",
-        p.x,
-        p.y,
-        p.z,
-        p.norm(),
-        covariance.trace().sqrt()
-    );
-    // The truth is the origin. The recording is known to be coarse.
-    assert!(p.norm() < 0.45, "{p}");
-    assert!(matches!(
-        locate_tdoa(&differences[..3], Kernel::default()),
-        Err(SolveError::TooFewMeasurements { got: 3, .. })
-    ));
 }
 
 #[test]

@@ -8,7 +8,6 @@
 mod recordings;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use nalgebra::Vector3;
 use nova_solver::multilateration::Height;
@@ -20,7 +19,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use recordings::data;
+use recordings::{columns, data};
 
 /// A climbing loop at some 3 m/s.
 fn place(t_s: f64) -> Vector3<f64> {
@@ -291,19 +290,6 @@ fn bad_input_is_named() {
             ..
         })
     ));
-}
-
-fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
-    let mut reader = csv::Reader::from_path(path).unwrap();
-    let headers = reader.headers().unwrap().clone();
-    let places = names.map(|name| headers.iter().position(|h| h == name).unwrap());
-    reader
-        .records()
-        .map(|record| {
-            let record = record.unwrap();
-            places.map(|place| record[place].parse().unwrap())
-        })
-        .collect()
 }
 
 #[test]

@@ -21,7 +21,7 @@ pub use closed_form::closed_form;
 pub use filter::{Judgement, RangeFilter, RangeFilterOptions, Tracked};
 pub use fix::{Fix, FixError, locate};
 pub use quality::{Power, sigma_factor};
-pub use tdoa::{RangeDifference, locate_tdoa};
+pub use tdoa::{RangeDifference, TdoaFix, TdoaOptions, locate_tdoa};
 
 use nalgebra::Vector3;
 

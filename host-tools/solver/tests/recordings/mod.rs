@@ -1,5 +1,8 @@
 //! Recorded measurements, which are not part of this repository.
 
+#![allow(dead_code)] // compiled into each test that declares it, and none uses all of it
+#![allow(clippy::unwrap_used)] // a recording that cannot be read fails the test
+
 use std::path::{Path, PathBuf};
 
 /// A file in the folder that `NOVA_DATA` names, or in `../shared/data` beside the workspace. Says so when it is
@@ -15,4 +18,18 @@ pub(crate) fn data(file: &str) -> Option<PathBuf> {
     }
     println!("skipped: {file} is not in {}", folder.display());
     None
+}
+
+/// Columns of a CSV file by their names, row by row; NaN where a field holds no number.
+pub(crate) fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    let headers = reader.headers().unwrap().clone();
+    let places = names.map(|name| headers.iter().position(|h| h == name).unwrap());
+    reader
+        .records()
+        .map(|record| {
+            let record = record.unwrap();
+            places.map(|place| record[place].parse().unwrap_or(f64::NAN))
+        })
+        .collect()
 }
