@@ -11,7 +11,6 @@ use nova_solver::multilateration::Height;
 use nova_solver::positioning::{
     AnchorRange, FixError, Judgement, RangeFilter, RangeFilterOptions, closed_form, locate,
 };
-use nova_solver::survey::{AnchorRanges, SurveyOptions, TagRange, Track, TrackPoint, survey};
 use nova_solver::{MultilaterationOptions, SolveError};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -243,100 +242,4 @@ fn recorded_robot_in_a_labyrinth_is_followed() {
     let rmse = f64::sqrt(squares / n);
     println!("labyrinth: RMSE {rmse:.3} m over {n} ranges");
     assert!(rmse < 0.25, "{rmse}");
-}
-
-/// The four anchors of B2 surveyed from the track, then the vehicle found from its ranges alone. Four
-/// anchors within 2 m of each other, seen from up to 50 m away: a direction is then known to
-/// 5 cm x 50 m / 2 m, which is why the error grows with distance.
-#[test]
-fn recorded_vehicle_is_followed_by_anchors_surveyed_from_its_track() {
-    for case in ["LOSA", "NLOSA"] {
-        let base = format!("B2_dwm1001_outdoor/dyn_{case}_case1");
-        let Some(track) = data(&format!("{base}_rtk_enu.csv")) else {
-            return;
-        };
-        let gnss = data(&format!("{base}_gnss.csv")).unwrap();
-        let status = columns(&gnss, ["t_s", "status"]);
-        let fixed = |t_s: f64| (status.iter()).any(|&[t, status]| t == t_s && status == 2.0);
-        let points: Vec<TrackPoint> = columns(&track, ["t_s", "x_m", "y_m", "z_m"])
-            .iter()
-            .filter(|row| fixed(row[0]))
-            .map(|&[t_s, x, y, z]| TrackPoint {
-                t_s,
-                position_m: Vector3::new(x, y, z + 1.0),
-            })
-            .collect();
-        let truth = Track::new(&points).unwrap();
-        let mut ranges: BTreeMap<i64, (f64, Vec<TagRange>)> = BTreeMap::new();
-        let mut events = Vec::new();
-        let file = data(&format!("{base}_ranges.csv")).unwrap();
-        for [t_s, anchor, range_m, az] in columns(&file, ["t_s", "anchor", "range_m", "az_m"]) {
-            let range = TagRange {
-                t_s,
-                range_m,
-                sigma_m: 0.1,
-            };
-            let of_anchor = ranges.entry(anchor as i64).or_insert((az, Vec::new()));
-            of_anchor.1.push(range);
-            events.push((t_s, anchor as i64, range_m));
-        }
-        events.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let parts: Vec<_> = (ranges.values())
-            .map(|(height, ranges)| AnchorRanges {
-                ranges,
-                height: Height::Known(*height),
-            })
-            .collect();
-        let options = SurveyOptions {
-            max_gap_s: 0.3,
-            ..SurveyOptions::default()
-        };
-        let found = survey(&truth, &parts, &options).unwrap();
-        let anchors: BTreeMap<i64, _> = ranges.keys().copied().zip(&found.anchors).collect();
-        let known = |anchor: i64, range_m: f64| {
-            let f = &anchors[&anchor].found;
-            AnchorRange {
-                anchor_m: f.position_m,
-                range_m: (range_m - f.range_bias_m) / (1.0 + found.common.slope),
-                sigma_m: 0.06,
-            }
-        };
-        // The first place, from the first ranges: the anchors lie nearly on a line, whose two sides only
-        // the later motion tells apart, so the side is given.
-        let filter_options = RangeFilterOptions {
-            height_m: Some(1.0),
-            ..RangeFilterOptions::default()
-        };
-        let start = points[0].position_m;
-        let mut filter = RangeFilter::new(filter_options, f64::NEG_INFINITY, start, 1.0, 0.5);
-        let mut bands = [(0.0, 0.0); 3];
-        for (k, &(t_s, anchor, range_m)) in events.iter().enumerate() {
-            let t_s = t_s - found.common.lag_s;
-            if k == 0 {
-                filter = RangeFilter::new(filter_options, t_s, start, 1.0, 0.5);
-            }
-            filter.update(t_s, &known(anchor, range_m));
-            if let Some((true_m, _)) = truth.at(t_s, 0.3) {
-                let error2 = (filter.state().position_m - true_m).xy().norm_squared();
-                let reach = true_m.x.abs();
-                let band = if reach < 10.0 {
-                    0
-                } else if reach < 20.0 {
-                    1
-                } else {
-                    2
-                };
-                bands[band].0 += error2;
-                bands[band].1 += 1.0;
-            }
-        }
-        let rmse = bands.map(|(sum, n): (f64, f64)| (sum / n).sqrt());
-        let all: (f64, f64) = bands.iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-        let whole = (all.0 / all.1).sqrt();
-        println!(
-            "{case} vehicle RMSE: below 10 m {:.3}, 20 m {:.3}, beyond {:.3}, all {whole:.3}",
-            rmse[0], rmse[1], rmse[2]
-        );
-        assert!(rmse[0] < 0.35 && whole < 0.6, "{case} {rmse:?} {whole}");
-    }
 }

@@ -7,8 +7,6 @@
 
 mod recordings;
 
-use std::collections::BTreeMap;
-
 use nalgebra::Vector3;
 use nova_solver::multilateration::Height;
 use nova_solver::survey::{
@@ -19,7 +17,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use recordings::{columns, data};
+use recordings::drive::{MAX_GAP_S, drive};
 
 /// A climbing loop at some 3 m/s.
 fn place(t_s: f64) -> Vector3<f64> {
@@ -295,46 +293,15 @@ fn bad_input_is_named() {
 #[test]
 fn recorded_anchors_are_found_within_12_cm_without_being_told_the_lag() {
     for case in ["LOSA", "NLOSA"] {
-        let base = format!("B2_dwm1001_outdoor/dyn_{case}_case1");
-        let Some(track) = data(&format!("{base}_rtk_enu.csv")) else {
+        let Some(drive) = drive(case) else {
             return;
         };
-        // A row of either file each; only those where RTK says that it is fixed.
-        let status = columns(
-            &data(&format!("{base}_gnss.csv")).unwrap(),
-            ["t_s", "status"],
-        );
-        let fixed = |t_s: f64| (status.iter()).any(|&[t, status]| t == t_s && status == 2.0);
-        let points: Vec<_> = columns(&track, ["t_s", "x_m", "y_m", "z_m"])
-            .iter()
-            .filter(|row| fixed(row[0]))
-            .map(|&[t_s, x, y, z]| TrackPoint {
-                t_s,
-                // The tag stands 1 m above the point that RTK gives.
-                position_m: Vector3::new(x, y, z + 1.0),
-            })
-            .collect();
-        let track = Track::new(&points).unwrap();
-        let mut ranges: BTreeMap<i64, Vec<TagRange>> = BTreeMap::new();
-        let mut truth = BTreeMap::new();
-        let rows = data(&format!("{base}_ranges.csv")).unwrap();
-        for [t_s, anchor, range_m, x, y, z] in
-            columns(&rows, ["t_s", "anchor", "range_m", "ax_m", "ay_m", "az_m"])
-        {
-            let range = TagRange {
-                t_s,
-                range_m,
-                sigma_m: 0.1,
-            };
-            ranges.entry(anchor as i64).or_default().push(range);
-            truth.insert(anchor as i64, Vector3::new(x, y, z));
-        }
         let options = SurveyOptions {
-            max_gap_s: 0.3,
+            max_gap_s: MAX_GAP_S,
             ..SurveyOptions::default()
         };
         for heights_known in [false, true] {
-            let parts: Vec<_> = (ranges.values().zip(truth.values()))
+            let parts: Vec<_> = (drive.ranges.values().zip(drive.anchors.values()))
                 .map(|(ranges, place)| AnchorRanges {
                     ranges,
                     height: if heights_known {
@@ -344,9 +311,9 @@ fn recorded_anchors_are_found_within_12_cm_without_being_told_the_lag() {
                     },
                 })
                 .collect();
-            let found = survey(&track, &parts, &options).unwrap();
+            let found = survey(&drive.track, &parts, &options).unwrap();
             println!("{case} {:?}", found.common);
-            for ((anchor, truth), surveyed) in truth.iter().zip(&found.anchors) {
+            for ((anchor, truth), surveyed) in drive.anchors.iter().zip(&found.anchors) {
                 let f = &surveyed.found;
                 let error = f.position_m - truth;
                 println!(

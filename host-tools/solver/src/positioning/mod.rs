@@ -5,6 +5,7 @@
 //!                          (linear)       (robust)   │ ranges disagree
 //!                                                    └► search everywhere ─► one_sided
 //!  ranges one by one ────► RangeFilter    position and velocity over time, any number of anchors
+//!  ranges, all of them ──► smooth         the track afterwards, errors that hang together in time among the unknowns
 //!  differences of ranges ► locate_tdoa    anchors that send, a tag that only listens
 //! ```
 //!
@@ -15,12 +16,14 @@ mod filter;
 mod fix;
 mod one_sided;
 mod quality;
+mod smoother;
 mod tdoa;
 
 pub use closed_form::closed_form;
 pub use filter::{Judgement, RangeFilter, RangeFilterOptions, Tracked};
 pub use fix::{Fix, FixError, locate};
 pub use quality::{Power, sigma_factor};
+pub use smoother::{Smoothed, SmootherOptions, smooth};
 pub use tdoa::{RangeDifference, TdoaFix, TdoaOptions, locate_tdoa};
 
 use nalgebra::Vector3;

@@ -3,6 +3,8 @@
 #![allow(dead_code)] // compiled into each test that declares it, and none uses all of it
 #![allow(clippy::unwrap_used)] // a recording that cannot be read fails the test
 
+pub(crate) mod drive;
+
 use std::path::{Path, PathBuf};
 
 /// A file in the folder that `NOVA_DATA` names, or in `../shared/data` beside the workspace. Says so when it is
