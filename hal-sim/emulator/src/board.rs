@@ -4,17 +4,15 @@
 //! [`Emulation`](crate::Emulation) has let the air get to that moment and answered.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
 
 use nova_hal_sim::chip::ChipConfig;
 use nova_hal_sim::{Flash, SimDuration, SimTime};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use rsemu::core::space::{AddressSpace, RamStore};
 use rsemu::cpu::arm::v7m::sys::Exception;
-use rsemu::cpu::arm::v7m::{ArmV7m, Config};
+use rsemu_executor::Core;
 
-use crate::bus::{Shared, address_space};
+use crate::bus::Chip;
 use crate::error::{EmulatorError, Seconds, Trouble};
 use crate::image::Image;
 use crate::log::{LogLine, LogReader};
@@ -116,10 +114,8 @@ pub(crate) enum RadioRequest {
 pub struct Board {
     name: String,
     image: Image,
-    cpu: ArmV7m,
-    space: Arc<AddressSpace>,
-    shared: Arc<Shared>,
-    ram: Arc<RamStore>,
+    core: Core,
+    chip: Chip,
     noise: ChaCha8Rng,
     /// What RAM held when the supply came.
     initial_ram: Vec<u8>,
@@ -129,8 +125,6 @@ pub struct Board {
     asleep: bool,
     stalled_until: Cycles,
     off: bool,
-    steps_to_check: u32,
-    short_steps: u32,
     requests: VecDeque<(Cycles, RadioRequest)>,
     serial: Vec<(Cycles, u8)>,
     log: LogReader,
@@ -140,12 +134,6 @@ pub struct Board {
     boot: SimTime,
     fs_per_1e12_cycles: u128,
 }
-
-/// Steps between two looks at what the core only tells when asked: a reset that was requested, a lock-up.
-const CHECK_EVERY: u32 = 64;
-
-/// Steps of one cycle, one behind the other, before the core is asked whether it sleeps.
-const LOOK_FOR_SLEEP: u32 = 4;
 
 /// Femtoseconds in a cycle.
 const FS_PER_CYCLE: u128 = 15_625_000;
@@ -164,7 +152,7 @@ impl Board {
         memory: Option<ChipMemory>,
         image: Image,
     ) -> Result<Self, EmulatorError> {
-        let memory =
+        let mut memory =
             memory.map_or_else(Memory::new, |memory| Memory::of(memory.flash, memory.uicr));
         for (address, bytes) in image.segments() {
             if !memory.preload(*address, bytes) {
@@ -174,16 +162,10 @@ impl Board {
                 )));
             }
         }
-        let flash = memory.copy.clone();
-        let ram = Arc::new(RamStore::new(RAM_BYTES.into()));
-        let shared = Shared::new(Soc::new(identity, ram.clone(), memory));
-        let space = address_space(&ram, &flash, &shared)?;
         let mut board = Board {
             name,
-            cpu: fresh_cpu(&space),
-            space,
-            shared,
-            ram,
+            core: fresh_core(),
+            chip: Chip::new(Soc::new(identity, memory)),
             noise: ChaCha8Rng::seed_from_u64(identity.random_seed ^ u64::from(RAM_START)),
             initial_ram: Vec::new(),
             now: 0,
@@ -192,8 +174,6 @@ impl Board {
             asleep: false,
             stalled_until: 0,
             off: false,
-            steps_to_check: CHECK_EVERY,
-            short_steps: 0,
             requests: VecDeque::new(),
             serial: Vec::new(),
             log: LogReader::new(&image),
@@ -235,35 +215,35 @@ impl Board {
     /// The host says `bytes`, from now on, at the rate the firmware has set.
     pub fn say(&mut self, bytes: &[u8]) {
         let now = self.now;
-        self.shared.soc().hear(bytes, now);
+        self.chip.soc.hear(bytes, now);
         self.look_around();
     }
 
     /// Whether all that the host has said has arrived at the serial port.
     pub fn has_heard_all(&self) -> bool {
-        self.shared.soc().uart.has_heard_all()
+        self.chip.soc.uart.has_heard_all()
     }
 
     /// The lights D9 to D12 that are lit.
     pub fn lights(&self) -> [bool; 4] {
-        let soc = self.shared.soc();
+        let soc = &self.chip.soc;
         wiring::LIGHTS.map(|pin| soc.gpio.is_pulled_low(pin))
     }
 
     /// Log lines (defmt through RTT) since this was asked last.
     pub fn take_log(&mut self) -> Vec<LogLine> {
-        self.log.poll(&self.ram);
+        self.log.poll(&mut self.chip.soc.ram);
         self.log.take()
     }
 
     /// Its flash, to plan power cuts and to look at wear.
     pub fn flash(&self) -> Flash {
-        self.shared.soc().memory.flash().clone()
+        self.chip.soc.memory.flash().clone()
     }
 
     /// Its flash and UICR: they outlive the emulation.
     pub fn memory(&self) -> ChipMemory {
-        self.shared.soc().memory.parts()
+        self.chip.soc.memory.parts()
     }
 
     /// Whether its supply broke down in the middle of a write to flash, as was planned.
@@ -273,20 +253,18 @@ impl Board {
 
     /// How far its main stack has grown; `None` if the image does not tell where it is.
     pub fn stack_use(&self) -> Option<StackUse> {
-        measure(self.image.stack()?, &self.ram, &self.initial_ram)
+        measure(self.image.stack()?, &self.chip.soc.ram, &self.initial_ram)
     }
 
     /// A word of RAM; `None` elsewhere.
     pub fn ram_word(&self, address: u32) -> Option<u32> {
-        let mut word = [0; 4];
-        let offset = address.checked_sub(RAM_START)?;
-        self.ram.read_at(offset.into(), &mut word).ok()?;
-        Some(u32::from_le_bytes(word))
+        let is_ram = (RAM_START..RAM_START + RAM_BYTES).contains(&address);
+        self.chip.word(address).filter(|_| is_ram)
     }
 
     /// The address of the next instruction.
     pub fn program_counter(&self) -> u32 {
-        self.cpu.pc()
+        self.core.pc()
     }
 
     /// Its image.
@@ -330,7 +308,7 @@ impl Board {
 
     /// What the radio clocked out.
     pub(crate) fn answer(&mut self, id: u8, miso: Vec<u8>) {
-        self.shared.soc().answer_transfer(id, miso);
+        self.chip.soc.answer_transfer(id, miso);
     }
 
     /// The level of the radio's interrupt line.
@@ -339,9 +317,7 @@ impl Board {
         if high {
             self.watch.raised(now);
         }
-        self.shared
-            .soc()
-            .drive_pin(wiring::RADIO_INTERRUPT, high, now);
+        self.chip.soc.drive_pin(wiring::RADIO_INTERRUPT, high, now);
         self.look_around();
     }
 
@@ -352,15 +328,17 @@ impl Board {
     }
 
     fn wakes_at(&self) -> Cycles {
-        let tick = self.cpu.with_sys(|sys| {
-            let runs = sys.syst_csr & 0b11 == 0b11 && sys.syst_rvr != 0;
-            let left = match sys.syst_cvr {
-                0 => sys.syst_rvr + 1,
-                left => left,
-            };
-            runs.then_some(u64::from(left))
-        });
-        let tick = tick.map_or(Cycles::MAX, |left| self.now + left);
+        let sys = self.core.sys();
+        let runs = sys.syst_csr & 0b11 == 0b11 && sys.syst_rvr != 0;
+        let left = match sys.syst_cvr {
+            0 => sys.syst_rvr + 1,
+            left => left,
+        };
+        let tick = if runs {
+            self.now + u64::from(left)
+        } else {
+            Cycles::MAX
+        };
         self.next_due.min(tick)
     }
 
@@ -371,7 +349,7 @@ impl Board {
     pub(crate) fn run_until(&mut self, limit: Cycles) -> Result<(), EmulatorError> {
         while self.now < limit && self.requests.is_empty() && !self.off {
             if self.next_due <= self.now {
-                self.shared.soc().advance(self.now);
+                self.chip.soc.advance(self.now);
                 self.look_around();
                 self.check_trouble()?;
                 continue;
@@ -391,104 +369,71 @@ impl Board {
             }
             self.step()?;
         }
-        self.log.poll_now_and_then(&self.ram, self.now);
+        self.log.poll_now_and_then(&mut self.chip.soc.ram, self.now);
         Ok(())
     }
 
     fn pass_asleep(&mut self, cycles: Cycles) {
         self.now += cycles;
-        self.cpu.with_sys(|sys| {
-            if sys.tick_systick(cycles) && sys.syst_csr & 0b10 != 0 {
-                sys.set_pending(Exception::SYSTICK, true);
-            }
-        });
-        self.asleep = self.cpu.is_asleep() && !self.cpu.with_sys(|s| s.highest_pending().is_some());
+        let sys = self.core.sys_mut();
+        if sys.tick_systick(cycles) && sys.syst_csr & 0b10 != 0 {
+            sys.set_pending(Exception::SYSTICK, true);
+        }
+        self.asleep = self.core.is_asleep() && !self.core.anything_pending();
     }
 
     fn step(&mut self) -> Result<(), EmulatorError> {
-        self.shared.set_now(self.now);
-        let cycles = self.cpu.step();
+        self.chip.begin(self.now);
+        let cycles = self.core.step(&mut self.chip);
         self.now += cycles;
         self.stats.instructions += 1;
         self.stats.busy_cycles += cycles;
-        if self.shared.take_touched() {
+        if self.chip.take_touched() {
             self.look_around();
             self.check_trouble()?;
         }
         if self.watch.waits() {
             self.watch.executes(self.now);
         }
-        if cycles == 1 {
-            self.look_for_sleep();
-        } else {
-            self.short_steps = 0;
-            if cycles >= EXCEPTION_ENTRY {
-                self.asleep = false;
-                self.count_interrupt();
-            }
+        if cycles >= EXCEPTION_ENTRY {
+            self.count_interrupt();
         }
-        self.steps_to_check -= 1;
-        if self.steps_to_check == 0 {
-            self.steps_to_check = CHECK_EVERY;
-            if self.cpu.reset_requested() {
-                self.reset(ResetReason::Software);
-            } else if self.cpu.is_locked_up() {
-                self.reset(ResetReason::Lockup);
-            }
+        self.asleep = self.core.is_asleep();
+        if self.asleep {
+            self.watch.sleeps();
+        }
+        if self.core.reset_requested() {
+            self.reset(ResetReason::Software);
+        } else if self.core.is_locked_up() {
+            self.reset(ResetReason::Lockup);
         }
         Ok(())
     }
 
-    /// A sleeping core takes one cycle a step; asking it costs more than a step, so not every short one counts.
-    fn look_for_sleep(&mut self) {
-        self.short_steps += 1;
-        if self.short_steps == LOOK_FOR_SLEEP {
-            self.short_steps = 0;
-            self.asleep = self.cpu.is_asleep();
-            if self.asleep {
-                self.watch.sleeps();
-            }
-        }
-    }
-
     /// If an exception has just been entered, counts it.
     fn count_interrupt(&mut self) {
-        let exception = self.cpu.current_exception();
-        let just_entered = exception != Exception::THREAD && self.cpu.reg(14) >= 0xFFFF_FFE0;
+        let exception = self.core.current_exception();
+        let just_entered = exception != Exception::THREAD && self.core.reg(14) >= 0xFFFF_FFE0;
         if just_entered && exception.0 >= 16 {
-            let vector = self.cpu.vtor() + 4 * u32::from(exception.0);
-            if self.word(vector).map(|handler| handler & !1) == Some(self.cpu.pc()) {
+            let vector = self.core.sys().vtor + 4 * u32::from(exception.0);
+            if self.chip.word(vector).map(|handler| handler & !1) == Some(self.core.pc()) {
                 *self.stats.interrupts.entry(exception.0 - 16).or_default() += 1;
             }
         }
     }
 
-    /// A word of RAM or flash.
-    fn word(&self, address: u32) -> Option<u32> {
-        let mut word = [0; 4];
-        match address.checked_sub(RAM_START) {
-            Some(offset) => self.ram.read_at(offset.into(), &mut word).ok()?,
-            None => {
-                let soc = self.shared.soc();
-                soc.memory.copy.read_at(address.into(), &mut word).ok()?;
-            }
-        }
-        Some(u32::from_le_bytes(word))
-    }
-
     /// Takes notice of what the chip wants after something has happened.
     fn look_around(&mut self) {
-        let mut soc = self.shared.soc();
+        let soc = &mut self.chip.soc;
         let outward = std::mem::take(&mut soc.outward);
         let levels = soc.interrupts;
         self.next_due = soc.next_due();
-        drop(soc);
-        let changed = levels ^ self.interrupts;
-        if changed != 0 {
+        if soc.memory.take_changed() {
+            self.core.forget_code();
+        }
+        if levels != self.interrupts {
             self.interrupts = levels;
-            for n in (0..64).filter(|n| changed >> n & 1 == 1) {
-                self.cpu.set_irq(n, levels >> n & 1 == 1);
-            }
+            self.core.set_levels(levels);
             // The next step finds out whether this wakes the processor.
             self.asleep = false;
         }
@@ -529,7 +474,7 @@ impl Board {
     }
 
     fn check_trouble(&mut self) -> Result<(), EmulatorError> {
-        let Some(mut trouble) = self.shared.soc().trouble.take() else {
+        let Some(mut trouble) = self.chip.soc.trouble.take() else {
             return Ok(());
         };
         trouble.pc = self.faulting_instruction();
@@ -548,25 +493,27 @@ impl Board {
     fn faulting_instruction(&self) -> u32 {
         const RETURN_ADDRESS: u32 = 24;
         const FROM_PROCESS_STACK: u32 = 1 << 2;
-        if self.cpu.current_exception() == Exception::THREAD {
+        if self.core.current_exception() == Exception::THREAD {
             return 0;
         }
-        let process = self.cpu.reg(14) & FROM_PROCESS_STACK != 0;
+        let process = self.core.reg(14) & FROM_PROCESS_STACK != 0;
         let frame = if process {
-            self.cpu.psp()
+            self.core.psp()
         } else {
-            self.cpu.msp()
+            self.core.msp()
         };
-        self.word(frame.wrapping_add(RETURN_ADDRESS)).unwrap_or(0)
+        self.chip
+            .word(frame.wrapping_add(RETURN_ADDRESS))
+            .unwrap_or(0)
     }
 
     /// Starts anew; RAM keeps its contents.
     fn reset(&mut self, reason: ResetReason) {
         self.stats.resets.push((self.now, reason));
-        self.log.poll(&self.ram);
-        self.shared.soc().reset(reason);
+        self.log.poll(&mut self.chip.soc.ram);
+        self.chip.soc.reset(reason);
         // A fresh core: a reset of this one would leave the NVIC's enables and priorities as they were.
-        self.cpu = fresh_cpu(&self.space);
+        self.core = fresh_core();
         self.interrupts = 0;
         self.asleep = false;
         self.stalled_until = self.now;
@@ -575,13 +522,10 @@ impl Board {
 
     /// The supply comes: RAM holds noise, flash what was written.
     pub(crate) fn switch_on(&mut self) {
-        let mut bytes = vec![0; RAM_BYTES as usize];
-        self.noise.fill(&mut bytes[..]);
-        // As long as the RAM.
-        let _ = self.ram.write_at(0, &bytes);
-        self.initial_ram = bytes;
+        self.noise.fill(&mut self.chip.soc.ram[..]);
+        self.initial_ram.clone_from(&self.chip.soc.ram);
         self.off = false;
-        self.shared.soc().memory.restore_power();
+        self.chip.soc.memory.restore_power();
         self.reset(ResetReason::PowerOn);
     }
 }
@@ -590,8 +534,6 @@ impl Board {
 const EXCEPTION_ENTRY: u64 = 12;
 
 /// The NVIC of the nRF52832 has three bits of priority (product specification, chapter 7).
-fn fresh_cpu(space: &Arc<AddressSpace>) -> ArmV7m {
-    let cpu = ArmV7m::new(Config::CORTEX_M4F.with_priority_bits(3));
-    cpu.attach_space(space.clone());
-    cpu
+fn fresh_core() -> Core {
+    Core::new(3)
 }

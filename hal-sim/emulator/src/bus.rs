@@ -1,162 +1,177 @@
-//! The processor's address space: RAM and flash at full speed, everything else through [`Soc`].
+//! What the processor reads and writes: RAM and flash at once, everything else through [`Soc`].
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use rsemu_executor::Bus;
 
-use rsemu::core::error::BusError;
-use rsemu::core::space::{
-    AddressSpace, Mapping, MemAttrs, MemOps, MemResult, Perms, RamStore, Region, UnassignedPolicy,
-};
-
-use crate::error::{EmulatorError, Refusal};
-use crate::soc::{Cycles, FLASH_BYTES, RAM_BYTES, RAM_START, Soc};
+use crate::error::Refusal;
+use crate::soc::{Cycles, FLASH_BYTES, RAM_BYTES, RAM_START, Soc, UICR_START};
 
 /// Another place at which RAM can be reached, for code (product specification, chapter 8).
-const CODE_RAM: u64 = 0x0080_0000;
+const CODE_RAM: u32 = 0x0080_0000;
 const FICR: u32 = 0x1000_0000;
-const UICR: u32 = crate::soc::UICR_START;
 const PERIPHERALS: u32 = 0x4000_0000;
+const PERIPHERALS_END: u32 = PERIPHERALS + 0x8_0000;
 const PORT: u32 = 0x5000_0000;
 const ROM_TABLE: u32 = 0xF000_0000;
+/// Length of a peripheral, and of each of the small windows.
+const PAGE: u32 = 0x1000;
 
-/// What the processor and its address space share.
-pub(crate) struct Shared {
-    soc: Mutex<Soc>,
+/// The chip without its processor core.
+pub(crate) struct Chip {
+    pub(crate) soc: Soc,
     /// The cycle at which the instruction under way began.
-    now: AtomicU64,
-    /// The instruction has touched something other than RAM.
-    touched: AtomicBool,
+    now: Cycles,
+    /// The instruction has touched something other than RAM and the contents of flash.
+    touched: bool,
 }
 
-impl Shared {
-    pub(crate) fn new(soc: Soc) -> Arc<Self> {
-        Arc::new(Shared {
-            soc: Mutex::new(soc),
-            now: AtomicU64::new(0),
-            touched: AtomicBool::new(false),
-        })
+impl Chip {
+    pub(crate) fn new(soc: Soc) -> Self {
+        Chip {
+            soc,
+            now: 0,
+            touched: false,
+        }
     }
 
-    pub(crate) fn soc(&self) -> MutexGuard<'_, Soc> {
-        self.soc.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    pub(crate) fn set_now(&self, now: Cycles) {
-        self.now.store(now, Ordering::Relaxed);
+    /// An instruction begins.
+    #[inline]
+    pub(crate) fn begin(&mut self, now: Cycles) {
+        self.now = now;
     }
 
     /// Whether anything was touched since this was asked last.
-    pub(crate) fn take_touched(&self) -> bool {
-        self.touched.load(Ordering::Relaxed) && self.touched.swap(false, Ordering::Relaxed)
+    #[inline]
+    pub(crate) fn take_touched(&mut self) -> bool {
+        std::mem::take(&mut self.touched)
     }
-}
 
-/// A range of addresses that leads to the [`Soc`].
-struct Window {
-    base: u32,
-    shared: Arc<Shared>,
-}
-
-impl std::fmt::Debug for Window {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Window({:#010x})", self.base)
+    /// A word of RAM or flash.
+    pub(crate) fn word(&self, address: u32) -> Option<u32> {
+        let (memory, offset) = self.memory(address & !3)?;
+        load(memory, offset, 4)
     }
-}
 
-impl MemOps for Window {
-    fn read(&self, offset: u64, bytes: &mut [u8], _: MemAttrs) -> MemResult {
-        let offset = offset as u32;
-        let now = self.shared.now.load(Ordering::Relaxed);
-        let mut soc = self.shared.soc();
-        let aligned = offset & !3;
-        if self.base == PERIPHERALS
-            && bytes.len() == 4
-            && let Some(word) = soc.peek(self.base + aligned)
-        {
-            bytes.copy_from_slice(&word.to_le_bytes());
-            return Ok(());
+    /// What of RAM and flash lies there, and where in it.
+    #[inline]
+    fn memory(&self, address: u32) -> Option<(&[u8], u32)> {
+        if address < FLASH_BYTES {
+            return Some((self.soc.memory.contents(), address));
         }
-        self.shared.touched.store(true, Ordering::Relaxed);
-        let word = match self.base {
-            FICR => soc.read_ficr(aligned),
-            UICR => Some(soc.memory.read_uicr(aligned)),
-            PERIPHERALS => soc.read(self.base + aligned, now),
-            PORT => soc.read_port(aligned as u16),
-            _ => soc.read_rom_table(aligned),
-        };
-        let word = word.ok_or(BusError::Unassigned)?.to_le_bytes();
-        let within = word.iter().skip((offset & 3) as usize);
-        bytes
-            .iter_mut()
-            .zip(within)
-            .for_each(|(to, &from)| *to = from);
-        Ok(())
+        Some((&self.soc.ram, ram_offset(address)?))
     }
 
-    fn write(&self, offset: u64, bytes: &[u8], _: MemAttrs) -> MemResult {
-        let offset = offset as u32;
-        let now = self.shared.now.load(Ordering::Relaxed);
-        self.shared.touched.store(true, Ordering::Relaxed);
-        let mut soc = self.shared.soc();
-        let mut word = [0; 4];
-        word.iter_mut()
-            .zip(bytes)
-            .for_each(|(to, &from)| *to = from);
-        let value = u32::from_le_bytes(word);
-        let done = match self.base {
-            0 | UICR => soc.write_memory(self.base + offset, bytes, now),
-            PERIPHERALS | PORT if bytes.len() != 4 || offset & 3 != 0 => {
-                let what = format!("a write of {} bytes: registers take words", bytes.len());
-                soc.refuse_at("peripheral".to_owned(), offset, Refusal::misuse(what));
-                None
-            }
-            PERIPHERALS => soc.write(self.base + offset, value, now),
-            PORT => soc.write_port(offset as u16, value, now),
-            _ => {
-                soc.refuse_at(
-                    "read-only memory".to_owned(),
-                    offset,
-                    Refusal::misuse("a write"),
-                );
-                None
-            }
+    fn read_register(&mut self, address: u32, bytes: u32) -> Option<u32> {
+        let aligned = address & !3;
+        if bytes == 4
+            && (PERIPHERALS..PERIPHERALS_END).contains(&address)
+            && let Some(word) = self.soc.peek(address)
+        {
+            return Some(word);
+        }
+        self.touched = true;
+        let offset = aligned & (PAGE - 1);
+        let word = match address {
+            PERIPHERALS..PERIPHERALS_END => self.soc.read(aligned, self.now),
+            _ => match address & !(PAGE - 1) {
+                FICR => self.soc.read_ficr(offset),
+                UICR_START => Some(self.soc.memory.read_uicr(offset)),
+                PORT => self.soc.read_port(offset as u16),
+                ROM_TABLE => self.soc.read_rom_table(offset),
+                _ => None,
+            },
         };
-        done.ok_or(BusError::Unassigned)
+        let word = word?.to_le_bytes();
+        load(&word, address & 3, bytes)
+    }
+
+    fn write_register(&mut self, address: u32, bytes: u32, value: u32) -> Option<()> {
+        self.touched = true;
+        let page = address & !(PAGE - 1);
+        let is_register = (PERIPHERALS..PERIPHERALS_END).contains(&address) || page == PORT;
+        if address < FLASH_BYTES || page == UICR_START {
+            let value = value.to_le_bytes();
+            let value = value.get(..bytes as usize)?;
+            return self.soc.write_memory(address, value, self.now);
+        }
+        if is_register && bytes != 4 {
+            let what = format!("a write of {bytes} bytes: registers take words");
+            let place = "peripheral".to_owned();
+            self.soc.refuse_at(place, address, Refusal::misuse(what));
+            return None;
+        }
+        match page {
+            PORT => self
+                .soc
+                .write_port((address & (PAGE - 1)) as u16, value, self.now),
+            _ if is_register => self.soc.write(address, value, self.now),
+            FICR | ROM_TABLE => {
+                let place = "read-only memory".to_owned();
+                self.soc
+                    .refuse_at(place, address, Refusal::misuse("a write"));
+                None
+            }
+            _ => None,
+        }
     }
 }
 
-/// Puts everything where the product specification's memory map has it (chapter 8).
-pub(crate) fn address_space(
-    ram: &Arc<RamStore>,
-    flash: &Arc<RamStore>,
-    shared: &Arc<Shared>,
-) -> Result<Arc<AddressSpace>, EmulatorError> {
-    let space = AddressSpace::new("nRF52832", 32).with_unassigned(UnassignedPolicy::FAULT);
-    let window = |name: &str, base: u32, length: u64| {
-        let shared = shared.clone();
-        let window = Arc::new(Window { base, shared });
-        Mapping::new(Region::io(name, length, window), base.into())
-    };
-    let flash_bytes = u64::from(FLASH_BYTES);
-    let mappings = [
-        // Two mappings at one place: the processor reads the copy, and its writes go through NVMC.
-        Mapping::new(Region::ram("flash", flash.clone()), 0).with_perms(Perms::RX),
-        window("flash, writing", 0, flash_bytes).with_perms(Perms::WRITE),
-        Mapping::new(Region::ram("RAM", ram.clone()), RAM_START.into()),
-        Mapping::new(Region::ram("code RAM", ram.clone()), CODE_RAM),
-        window("FICR", FICR, 0x1000),
-        window("UICR", UICR, 0x1000),
-        window("peripherals", PERIPHERALS, 0x8_0000),
-        window("P0", PORT, 0x1000),
-        window("ROM table", ROM_TABLE, 0x1000),
-    ];
-    debug_assert_eq!(ram.len(), u64::from(RAM_BYTES));
-    let mut topology = space.topology();
-    for mapping in mappings {
-        topology
-            .map_with(mapping)
-            .map_err(|error| EmulatorError::Image(format!("the memory map: {error:?}")))?;
+#[inline]
+fn ram_offset(address: u32) -> Option<u32> {
+    let offset = address.wrapping_sub(RAM_START);
+    if offset < RAM_BYTES {
+        return Some(offset);
     }
-    drop(topology);
-    Ok(Arc::new(space))
+    let offset = address.wrapping_sub(CODE_RAM);
+    (offset < RAM_BYTES).then_some(offset)
+}
+
+#[inline]
+fn load(memory: &[u8], offset: u32, bytes: u32) -> Option<u32> {
+    let from = memory.get(offset as usize..)?;
+    Some(match bytes {
+        4 => u32::from_le_bytes(*from.first_chunk()?),
+        2 => u16::from_le_bytes(*from.first_chunk()?).into(),
+        _ => u32::from(*from.first()?),
+    })
+}
+
+#[inline]
+fn store(memory: &mut [u8], offset: u32, bytes: u32, value: u32) -> Option<()> {
+    let to = memory.get_mut(offset as usize..)?;
+    match bytes {
+        4 => *to.first_chunk_mut()? = value.to_le_bytes(),
+        2 => *to.first_chunk_mut()? = (value as u16).to_le_bytes(),
+        _ => *to.first_mut()? = value as u8,
+    }
+    Some(())
+}
+
+/// The product specification's memory map (chapter 8).
+impl Bus for Chip {
+    #[inline]
+    fn read(&mut self, address: u32, bytes: u32) -> Option<u32> {
+        match self.memory(address) {
+            Some((memory, offset)) => load(memory, offset, bytes),
+            None => self.read_register(address, bytes),
+        }
+    }
+
+    #[inline]
+    fn write(&mut self, address: u32, bytes: u32, value: u32) -> Option<()> {
+        match ram_offset(address) {
+            Some(offset) => store(&mut self.soc.ram, offset, bytes, value),
+            None => self.write_register(address, bytes, value),
+        }
+    }
+
+    #[inline]
+    fn fetch(&mut self, address: u32) -> Option<u16> {
+        let (memory, offset) = self.memory(address)?;
+        load(memory, offset, 2).map(|halfword| halfword as u16)
+    }
+
+    #[inline]
+    fn is_constant(&self, address: u32) -> bool {
+        address < FLASH_BYTES
+    }
 }

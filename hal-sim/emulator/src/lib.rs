@@ -3,7 +3,7 @@
 //!
 //! ```text
 //!  Emulation ── World of hal-sim: chips, air, faults
-//!     └── Board ── processor core (rsemu), address space (bus)
+//!     └── Board ── processor core (rsemu_executor), memory map (bus)
 //!           └── Soc ── peripherals, flash, PPI
 //! ```
 //! docs/emulator.md says what is modelled and what is not, and how to run it.

@@ -4,7 +4,6 @@
 //! bytes each: name, buffer, size, write offset, read offset, flags.
 
 use defmt_decoder::DecodeError;
-use rsemu::core::space::RamStore;
 
 use crate::image::Image;
 use crate::soc::{CPU_HZ, Cycles, RAM_START};
@@ -37,11 +36,10 @@ pub(crate) struct LogReader {
     lines: Vec<LogLine>,
 }
 
-fn word(ram: &RamStore, address: u32) -> Option<u32> {
-    let mut word = [0; 4];
+fn word(ram: &[u8], address: u32) -> Option<u32> {
     let offset = address.checked_sub(RAM_START)?;
-    ram.read_at(offset.into(), &mut word).ok()?;
-    Some(u32::from_le_bytes(word))
+    let word = ram.get(offset as usize..)?.first_chunk()?;
+    Some(u32::from_le_bytes(*word))
 }
 
 impl LogReader {
@@ -60,7 +58,7 @@ impl LogReader {
         std::mem::take(&mut self.lines)
     }
 
-    pub(crate) fn poll_now_and_then(&mut self, ram: &RamStore, now: Cycles) {
+    pub(crate) fn poll_now_and_then(&mut self, ram: &mut [u8], now: Cycles) {
         if now >= self.looked + EVERY {
             self.looked = now;
             self.poll(ram);
@@ -68,7 +66,7 @@ impl LogReader {
     }
 
     /// Takes what is in the buffer.
-    pub(crate) fn poll(&mut self, ram: &RamStore) {
+    pub(crate) fn poll(&mut self, ram: &mut [u8]) {
         if let Some(control) = self.control
             && let Some(bytes) = drain(ram, control)
             && !bytes.is_empty()
@@ -113,7 +111,7 @@ impl LogReader {
 }
 
 /// The bytes of the first channel; `None` while there is no buffer.
-fn drain(ram: &RamStore, control: u32) -> Option<Vec<u8>> {
+fn drain(ram: &mut [u8], control: u32) -> Option<Vec<u8>> {
     let field = |offset| word(ram, control + offset);
     let (buffer, size) = (field(BUFFER)?, field(SIZE)?);
     let (written, mut read) = (field(WRITTEN)?, field(READ)?);
@@ -123,13 +121,10 @@ fn drain(ram: &RamStore, control: u32) -> Option<Vec<u8>> {
     let start = buffer.checked_sub(RAM_START)?;
     let mut bytes = Vec::new();
     while read != written {
-        let mut byte = [0];
-        ram.read_at(u64::from(start) + u64::from(read), &mut byte)
-            .ok()?;
-        bytes.extend(byte);
+        bytes.push(*ram.get((start + read) as usize)?);
         read = (read + 1) % size;
     }
-    let place = u64::from(control.checked_sub(RAM_START)? + READ);
-    ram.write_at(place, &written.to_le_bytes()).ok()?;
+    let place = (control.checked_sub(RAM_START)? + READ) as usize;
+    *ram.get_mut(place..)?.first_chunk_mut()? = written.to_le_bytes();
     Some(bytes)
 }

@@ -1,7 +1,5 @@
 //! How far a stack has grown: down to the lowest word that no longer holds what it held when the supply came.
 
-use rsemu::core::space::RamStore;
-
 use crate::image::StackRegion;
 use crate::soc::RAM_START;
 
@@ -15,11 +13,10 @@ pub struct StackUse {
 }
 
 /// Compares RAM with what it held at first.
-pub(crate) fn measure(region: StackRegion, ram: &RamStore, initial: &[u8]) -> Option<StackUse> {
+pub(crate) fn measure(region: StackRegion, ram: &[u8], initial: &[u8]) -> Option<StackUse> {
     let from = region.bottom.checked_sub(RAM_START)? as usize;
     let to = region.top.checked_sub(RAM_START)? as usize;
-    let mut now = vec![0; to.checked_sub(from)?];
-    ram.read_at(from as u64, &mut now).ok()?;
+    let now = ram.get(from..to)?;
     let untouched = now
         .iter()
         .zip(initial.get(from..to)?)

@@ -95,18 +95,25 @@ impl Gpio {
         (config & 3, (config >> 8 & 0x1F) as u8, config >> 16 & 3)
     }
 
-    fn is_high(&self, pin: u8) -> bool {
-        for channel in 0..CHANNELS {
-            let (mode, of, _) = self.channel(channel);
-            if mode == TASK_MODE && of == pin {
-                return self
-                    .task_levels
-                    .get(usize::from(channel))
-                    .copied()
-                    .unwrap_or(false);
+    /// Pins that channels of GPIOTE have taken over, and which of those are high; the lowest channel counts.
+    fn taken_over(&self) -> (u32, u32) {
+        let (mut pins, mut high) = (0, 0);
+        for (channel, &level) in (0..CHANNELS).zip(&self.task_levels) {
+            let (mode, pin, _) = self.channel(channel);
+            let bit = 1 << pin;
+            if mode == TASK_MODE && pins & bit == 0 {
+                pins |= bit;
+                high |= u32::from(level) << pin;
             }
         }
+        (pins, high)
+    }
+
+    fn is_high(&self, pin: u8, (taken_over, high): (u32, u32)) -> bool {
         let (bit, cnf) = (1 << pin, self.cnf(pin));
+        if taken_over & bit != 0 {
+            return high & bit != 0;
+        }
         let output = cnf & 1 == 1;
         // DRIVE's D1 options let a high output float, its D0 options a low one.
         let floats = match cnf >> 8 & 7 {
@@ -124,8 +131,9 @@ impl Gpio {
     }
 
     fn present_levels(&self) -> u32 {
+        let taken_over = self.taken_over();
         (0..PINS).fold(0, |levels, pin| {
-            levels | u32::from(self.is_high(pin)) << pin
+            levels | u32::from(self.is_high(pin, taken_over)) << pin
         })
     }
 
@@ -199,7 +207,7 @@ impl Gpio {
 
     /// Whether the firmware holds a pin low as an output: a light that is lit.
     pub(crate) fn is_pulled_low(&self, pin: u8) -> bool {
-        self.cnf(pin) & 1 == 1 && !self.is_high(pin)
+        self.cnf(pin) & 1 == 1 && !self.is_high(pin, self.taken_over())
     }
 
     fn directions(&self) -> u32 {

@@ -4,12 +4,9 @@
 //! [`nova_hal_sim::flash`]. The processor reads from a copy in its own address space. It stands still while the flash
 //! is busy, for the longest time that the specification gives.
 
-use std::sync::Arc;
-
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 use nova_hal_sim::flash::{ERASE_US, PAGE_BYTES, WORD_BYTES, WRITE_US};
 use nova_hal_sim::{Flash, FlashError};
-use rsemu::core::space::RamStore;
 
 use super::block::{Block, Layout, ro, rw, wo};
 use super::{CPU_HZ, FLASH_BYTES, Lines, Outward, Peripheral};
@@ -59,19 +56,9 @@ pub(crate) struct Memory {
     flash: Flash,
     uicr: Flash,
     /// What the processor reads.
-    pub(crate) copy: Arc<RamStore>,
-}
-
-impl Clone for Memory {
-    /// The same memory, with NVMC as after a reset.
-    fn clone(&self) -> Self {
-        Memory {
-            block: Block::new(ID, &LAYOUT),
-            flash: self.flash.clone(),
-            uicr: self.uicr.clone(),
-            copy: self.copy.clone(),
-        }
-    }
+    copy: Vec<u8>,
+    /// The copy is not what it was.
+    changed: bool,
 }
 
 impl Memory {
@@ -82,14 +69,31 @@ impl Memory {
 
     /// Flash and UICR that have been in use.
     pub(crate) fn of(flash: Flash, uicr: Flash) -> Self {
-        let memory = Memory {
+        let mut memory = Memory {
             block: Block::new(ID, &LAYOUT),
             flash,
             uicr,
-            copy: Arc::new(RamStore::new(FLASH_BYTES.into())),
+            copy: vec![0; FLASH_BYTES as usize],
+            changed: true,
         };
-        memory.renew_copy();
+        memory.copy_from_flash(0, FLASH_BYTES);
         memory
+    }
+
+    /// NVMC as after a reset; flash and UICR stay.
+    pub(super) fn reset(&mut self) {
+        self.block = Block::new(ID, &LAYOUT);
+    }
+
+    /// What the processor reads from flash.
+    #[inline]
+    pub(crate) fn contents(&self) -> &[u8] {
+        &self.copy
+    }
+
+    /// Whether that has changed since this was asked last.
+    pub(crate) fn take_changed(&mut self) -> bool {
+        std::mem::take(&mut self.changed)
     }
 
     /// The flash itself, to plan power cuts and to look at wear.
@@ -106,11 +110,12 @@ impl Memory {
     }
 
     /// A programmer puts bytes there; false where there is no such memory.
-    pub(crate) fn preload(&self, address: u32, bytes: &[u8]) -> bool {
+    pub(crate) fn preload(&mut self, address: u32, bytes: &[u8]) -> bool {
         let end = u64::from(address) + bytes.len() as u64;
         if end <= FLASH_BYTES.into() {
             self.flash.preload(address as usize, bytes);
-            self.copy.write_at(address.into(), bytes).is_ok()
+            self.copy_from_flash(address, bytes.len() as u32);
+            true
         } else if address >= UICR_START && end <= u64::from(UICR_START) + PAGE_BYTES as u64 {
             self.uicr.preload((address - UICR_START) as usize, bytes);
             true
@@ -120,18 +125,10 @@ impl Memory {
     }
 
     /// The supply is back: what a write that was cut short has left is what the processor reads.
-    pub(crate) fn restore_power(&self) {
+    pub(crate) fn restore_power(&mut self) {
         self.flash.restore_power();
         self.uicr.restore_power();
-        self.renew_copy();
-    }
-
-    fn renew_copy(&self) {
-        let mut bytes = vec![0; FLASH_BYTES as usize];
-        // Both are as long as the buffer and have power.
-        if self.flash.clone().read(0, &mut bytes).is_ok() {
-            let _ = self.copy.write_at(0, &bytes);
-        }
+        self.copy_from_flash(0, FLASH_BYTES);
     }
 
     /// Any part of UICR.
@@ -174,10 +171,15 @@ impl Memory {
         outcome(done, lines)
     }
 
-    fn copy_from_flash(&self, from: u32, count: u32) {
+    /// Leaves the copy as it is where the flash cannot be read: without power, or out of its bounds.
+    fn copy_from_flash(&mut self, from: u32, count: u32) {
+        let place = from as usize..from as usize + count as usize;
         let mut bytes = vec![0; count as usize];
-        if self.flash.clone().read(from, &mut bytes).is_ok() {
-            let _ = self.copy.write_at(from.into(), &bytes);
+        if self.flash.read(from, &mut bytes).is_ok()
+            && let Some(place) = self.copy.get_mut(place)
+        {
+            place.copy_from_slice(&bytes);
+            self.changed = true;
         }
     }
 }

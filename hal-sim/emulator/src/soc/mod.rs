@@ -32,10 +32,6 @@ mod timer;
 mod uart;
 mod watchdog;
 
-use std::sync::Arc;
-
-use rsemu::core::space::RamStore;
-
 use crate::error::{Access, Refusal, Trouble};
 use block::{Block, Effect};
 
@@ -87,7 +83,7 @@ pub(crate) enum Outward {
 /// What a peripheral can reach beyond its own registers.
 pub(crate) struct Lines<'a> {
     pub(crate) now: Cycles,
-    ram: &'a RamStore,
+    ram: &'a mut [u8],
     raised: &'a mut Vec<(u8, u16)>,
     outward: &'a mut Vec<Outward>,
 }
@@ -106,25 +102,28 @@ impl Lines<'_> {
 
     /// EasyDMA reads; RAM is all that it reaches (product specification, 15.1, "EasyDMA").
     pub(crate) fn dma_read(&self, from: u32, count: u32) -> Result<Vec<u8>, Refusal> {
-        let mut bytes = vec![0; count as usize];
-        if count > 0 {
-            let offset = dma_offset(from, count)?;
-            self.ram.read_at(offset, &mut bytes).map_err(dma_failed)?;
+        if count == 0 {
+            return Ok(Vec::new());
         }
-        Ok(bytes)
+        let place = dma_place(from, count)?;
+        Ok(self.ram.get(place).unwrap_or_default().to_vec())
     }
 
     /// EasyDMA writes.
-    pub(crate) fn dma_write(&self, to: u32, bytes: &[u8]) -> Result<(), Refusal> {
+    pub(crate) fn dma_write(&mut self, to: u32, bytes: &[u8]) -> Result<(), Refusal> {
         if bytes.is_empty() {
             return Ok(());
         }
-        let offset = dma_offset(to, bytes.len() as u32)?;
-        self.ram.write_at(offset, bytes).map_err(dma_failed)
+        let place = dma_place(to, bytes.len() as u32)?;
+        if let Some(place) = self.ram.get_mut(place) {
+            place.copy_from_slice(bytes);
+        }
+        Ok(())
     }
 }
 
-fn dma_offset(address: u32, count: u32) -> Result<u64, Refusal> {
+/// Where in RAM that is.
+fn dma_place(address: u32, count: u32) -> Result<core::ops::Range<usize>, Refusal> {
     let outside = || {
         Refusal::misuse(format!(
             "EasyDMA of {count} bytes at {address:#010x}, which is not in RAM"
@@ -135,11 +134,7 @@ fn dma_offset(address: u32, count: u32) -> Result<u64, Refusal> {
     if end > RAM_BYTES {
         return Err(outside());
     }
-    Ok(offset.into())
-}
-
-fn dma_failed(error: rsemu::core::error::BusError) -> Refusal {
-    Refusal::misuse(format!("EasyDMA: {error:?}"))
+    Ok(offset as usize..end as usize)
 }
 
 /// One peripheral.
@@ -188,7 +183,7 @@ pub struct ChipIdentity {
 /// Peripherals and memories of one chip.
 pub(crate) struct Soc {
     identity: ChipIdentity,
-    ram: Arc<RamStore>,
+    pub(crate) ram: Vec<u8>,
     pub(crate) memory: Memory,
     clock: clock::ClockAndPower,
     pub(crate) gpio: gpio::Gpio,
@@ -215,17 +210,17 @@ const IDS: usize = 40;
 const NEVER: Cycles = Cycles::MAX;
 
 impl Soc {
-    pub(crate) fn new(identity: ChipIdentity, ram: Arc<RamStore>, memory: Memory) -> Self {
+    pub(crate) fn new(identity: ChipIdentity, memory: Memory) -> Self {
         let mut soc = Soc {
             identity,
-            ram,
+            ram: vec![0; RAM_BYTES as usize],
             memory,
             clock: clock::ClockAndPower::new(),
             gpio: gpio::Gpio::new(),
             ppi: ppi::Ppi::new(),
             watchdog: watchdog::Watchdog::new(),
             uart: uart::Uart::new(),
-            spi: [spi::Spi::new(3), spi::Spi::new(4), spi::Spi::new(35)],
+            spi: spi::ALL.map(spi::Spi::new),
             timers: timer::ALL.map(timer::Timer::new),
             rtcs: rtc::ALL.map(rtc::Rtc::new),
             random: random::Random::new(identity.random_seed),
@@ -243,15 +238,25 @@ impl Soc {
     /// All peripherals as after a reset; what a reset for this reason leaves alone stays (product specification,
     /// table 34, "Reset behavior"). A radio line that was driven is told to be released.
     pub(crate) fn reset(&mut self, reason: ResetReason) {
-        let fresh = Soc::new(self.identity, self.ram.clone(), self.memory.clone());
-        let old = core::mem::replace(self, fresh);
-        self.clock.inherit(&old.clock, reason);
-        self.gpio.inherit(old.gpio, &mut self.outward);
-        self.uart.inherit(old.uart);
-        self.random.inherit(old.random);
-        if matches!(reason, ResetReason::Software | ResetReason::Lockup) {
-            self.watchdog = old.watchdog;
+        let clock = core::mem::replace(&mut self.clock, clock::ClockAndPower::new());
+        let gpio = core::mem::replace(&mut self.gpio, gpio::Gpio::new());
+        let uart = core::mem::replace(&mut self.uart, uart::Uart::new());
+        self.outward.clear();
+        self.clock.inherit(&clock, reason);
+        self.gpio.inherit(gpio, &mut self.outward);
+        self.uart.inherit(uart);
+        self.random.reset();
+        if !matches!(reason, ResetReason::Software | ResetReason::Lockup) {
+            self.watchdog = watchdog::Watchdog::new();
         }
+        self.memory.reset();
+        self.ppi = ppi::Ppi::new();
+        self.spi = spi::ALL.map(spi::Spi::new);
+        self.timers = timer::ALL.map(timer::Timer::new);
+        self.rtcs = rtc::ALL.map(rtc::Rtc::new);
+        self.plain = plain::all();
+        self.raised.clear();
+        self.trouble = None;
         self.refresh_all();
     }
 
@@ -307,12 +312,12 @@ impl Soc {
         now: Cycles,
         act: impl FnOnce(&mut Self, &mut Lines<'_>) -> Result<R, Refusal>,
     ) -> Result<R, Refusal> {
-        let ram = self.ram.clone();
+        let mut ram = core::mem::take(&mut self.ram);
         let mut raised = core::mem::take(&mut self.raised);
         let mut outward = core::mem::take(&mut self.outward);
         let mut lines = Lines {
             now,
-            ram: &ram,
+            ram: &mut ram,
             raised: &mut raised,
             outward: &mut outward,
         };
@@ -327,6 +332,7 @@ impl Soc {
             }
         }
         raised.clear();
+        self.ram = ram;
         self.raised = raised;
         self.outward = outward;
         result

@@ -43,8 +43,9 @@ impl Random {
     }
 
     /// Nature does not begin anew with a reset.
-    pub(super) fn inherit(&mut self, old: Self) {
-        self.rng = old.rng;
+    pub(super) fn reset(&mut self) {
+        self.block = Block::new(13, &LAYOUT);
+        self.ready = None;
     }
 
     fn begin(&mut self, now: Cycles) {

@@ -75,6 +75,9 @@ const DISABLED: u32 = 0;
 const LEGACY: u32 = 1;
 const EASY_DMA: u32 = 7;
 
+/// The numbers of all.
+pub(super) const ALL: [u8; 3] = [3, 4, 35];
+
 /// From START to the first bit, and from the last bit to END: EasyDMA and the state machine. Assumed; the product
 /// specification names no figure.
 const DMA_OVERHEAD: Cycles = CPU_HZ / 2_000_000;
