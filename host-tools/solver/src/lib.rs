@@ -47,6 +47,7 @@ pub mod navigation;
 pub mod nova;
 pub mod positioning;
 pub mod survey;
+pub mod tracking;
 
 mod ambiguity;
 mod error;
