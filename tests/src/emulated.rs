@@ -1,9 +1,12 @@
 //! A network of emulated boards: the firmware as it goes onto boards, and what its serial ports say.
 
 use crate::network::BoardLog;
-use nova_emulator::{Board, BoardConfig, BoardStats, Emulation, EmulatorError, Image, LogLine};
+use nova_emulator::{
+    Board, BoardConfig, BoardStats, Emulation, EmulatorError, Image, LogLine, gdb,
+};
 use nova_hal_sim::{ChannelConfig, SimTime};
 use nova_wire::{Command, Decoder, EncodeError, Encoder, MAX_FRAME_LEN};
+use std::net::TcpStream;
 use std::path::Path;
 
 /// Where `cargo xtask` says the firmware is.
@@ -135,11 +138,33 @@ impl EmulatedNetwork {
     /// [`EmulatorError::Stopped`] when a board did something that is not modelled.
     pub fn run_until_s(&mut self, t_s: f64) -> Result<(), EmulatorError> {
         let outcome = self.emulation.run_until(SimTime::from_s_f64(t_s));
-        for (board, port) in self.emulation.boards_mut().iter_mut().zip(&mut self.ports) {
-            let bytes: Vec<u8> = board.take_serial().iter().map(|&(_, byte)| byte).collect();
-            port.log.take(&bytes, &mut port.decoder);
-            port.lines.extend(board.take_log());
-        }
+        collect(&mut self.emulation, &mut self.ports);
         outcome
+    }
+
+    /// Lets GDB step through the board of this name, at most until `t_s` seconds after the start.
+    ///
+    /// # Errors
+    /// As [`gdb::serve`].
+    pub fn debug(
+        &mut self,
+        board: &str,
+        gdb: TcpStream,
+        t_s: f64,
+    ) -> Result<gdb::Ended, EmulatorError> {
+        let Self { emulation, ports } = self;
+        let end = SimTime::from_s_f64(t_s);
+        gdb::serve(emulation, board, gdb, end, &mut |emulation| {
+            collect(emulation, ports);
+        })
+    }
+}
+
+/// What boards have said and logged since this was done last.
+fn collect(emulation: &mut Emulation, ports: &mut [Port]) {
+    for (board, port) in emulation.boards_mut().iter_mut().zip(ports) {
+        let bytes: Vec<u8> = board.take_serial().iter().map(|&(_, byte)| byte).collect();
+        port.log.take(&bytes, &mut port.decoder);
+        port.lines.extend(board.take_log());
     }
 }

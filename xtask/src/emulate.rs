@@ -26,10 +26,13 @@ pub(crate) struct Args {
     /// Wait there for `nova listen` or `nova config`, and lead it to a board's serial port
     #[arg(long, value_name = "tcp://HOST:PORT")]
     uart: Option<String>,
-    /// Whose serial port that is; the first by name if absent
+    /// Wait there for GDB, and let it step through a board
+    #[arg(long, value_name = "HOST:PORT", conflicts_with = "uart")]
+    gdb: Option<String>,
+    /// Whose serial port that is, or which board GDB sees; the first by name if absent
     #[arg(long, value_name = "NAME")]
     board: Option<String>,
-    /// Other firmware for a board: an ELF file for the nRF52832
+    /// Other firmware for a board: an ELF or Intel HEX file for the nRF52832
     #[arg(long, value_name = "NAME=FILE")]
     elf: Vec<String>,
     /// Add a radio that answers the vendor's single-sided ranging example, so many metres along the x axis
@@ -52,6 +55,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     };
     option("--seconds", args.seconds.map(|seconds| seconds.to_string()));
     option("--uart", args.uart.clone());
+    option("--gdb", args.gdb.clone());
     option("--board", args.board.clone());
     option(
         "--vendor-responder",

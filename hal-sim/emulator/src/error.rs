@@ -22,8 +22,8 @@ pub enum EmulatorError {
     #[error("two boards are called {0}")]
     SameName(String),
     /// There is no such board.
-    #[error("there is no board number {0}")]
-    NoBoard(usize),
+    #[error("there is no board called {0}")]
+    UnknownBoard(String),
 }
 
 /// Seconds, comparable because they come from whole cycles.

@@ -1,4 +1,4 @@
-//! Firmware images: ELF files as linkers write them, and what their symbols tell.
+//! Firmware images: ELF files as linkers write them, with what their symbols tell, and Intel HEX files.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -32,11 +32,14 @@ pub struct StackRegion {
 }
 
 impl Image {
-    /// Reads an ELF file.
+    /// Reads an ELF file, or an Intel HEX file, which has no symbols.
     ///
     /// # Errors
-    /// [`EmulatorError::Image`] if it is none for a 32-bit little-endian ARM, or has nothing to load.
+    /// [`EmulatorError::Image`] if it is neither, is not for a 32-bit little-endian ARM, or has nothing to load.
     pub fn parse(bytes: &[u8]) -> Result<Self, EmulatorError> {
+        if bytes.first() == Some(&b':') {
+            return Self::parse_hex(bytes);
+        }
         let wrong = |what: String| EmulatorError::Image(what);
         let file = ElfFile32::<Endianness>::parse(bytes).map_err(|e| wrong(e.to_string()))?;
         if file.architecture() != object::Architecture::Arm || !file.is_little_endian() {
@@ -69,6 +72,43 @@ impl Image {
             stack,
             log,
         })))
+    }
+
+    fn parse_hex(bytes: &[u8]) -> Result<Self, EmulatorError> {
+        let wrong = |what: String| EmulatorError::Image(what);
+        let text = std::str::from_utf8(bytes).map_err(|error| wrong(error.to_string()))?;
+        let mut base = 0;
+        let mut segments: Vec<(u32, Vec<u8>)> = Vec::new();
+        for (record, line) in ihex::Reader::new(text).zip(1..) {
+            match record.map_err(|error| wrong(format!("record {line}: {error}")))? {
+                ihex::Record::Data { offset, value } => {
+                    let address = base + u32::from(offset);
+                    match segments.last_mut() {
+                        Some((start, bytes)) if *start + bytes.len() as u32 == address => {
+                            bytes.extend(value);
+                        }
+                        _ => segments.push((address, value)),
+                    }
+                }
+                ihex::Record::ExtendedLinearAddress(high) => base = u32::from(high) << 16,
+                ihex::Record::ExtendedSegmentAddress(paragraph) => base = u32::from(paragraph) << 4,
+                _ => {}
+            }
+        }
+        if segments.is_empty() {
+            return Err(wrong("it has nothing to load".to_owned()));
+        }
+        Ok(Self::from_segments(segments))
+    }
+
+    /// Bytes and where they go: an image without symbols.
+    pub fn from_segments(segments: Vec<(u32, Vec<u8>)>) -> Self {
+        Image(Arc::new(Contents {
+            segments,
+            symbols: BTreeMap::new(),
+            stack: None,
+            log: None,
+        }))
     }
 
     pub(crate) fn segments(&self) -> &[(u32, Vec<u8>)] {

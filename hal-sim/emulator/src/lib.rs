@@ -12,6 +12,7 @@ mod board;
 mod bus;
 mod emulation;
 mod error;
+pub mod gdb;
 mod image;
 mod log;
 mod peer;
@@ -20,7 +21,7 @@ mod soc;
 mod stack;
 pub mod wiring;
 
-pub use board::{Board, BoardConfig, BoardStats, ChipMemory};
+pub use board::{Board, BoardConfig, BoardStats, ChipMemory, Halt};
 pub use emulation::Emulation;
 pub use error::{Access, EmulatorError, Refusal, Seconds, Trouble};
 pub use image::{Image, StackRegion};

@@ -11,21 +11,27 @@
 //! | file | subject |
 //! |---|---|
 //! | `block` | what all peripherals have in common |
+//! | `lines` | what a peripheral can reach beyond its registers |
+//! | `access` | the processor's reads and writes |
 //! | `clock` | CLOCK and POWER: oscillators, reset reasons, retained registers |
 //! | `gpio` | P0 and GPIOTE |
 //! | `spi` | SPIM and the older SPI |
 //! | `uart` | UARTE and the older UART |
+//! | `received` | what the older SPI and UART hold until it is read |
 //! | `rtc`, `timer`, `watchdog` | counters |
 //! | `memory` | flash and UICR behind NVMC |
 //! | `ppi`, `random`, `plain` | the rest: PPI, RNG, FICR, and registers that only hold what is written |
 
+mod access;
 pub(crate) mod block;
 mod clock;
 mod gpio;
+mod lines;
 mod memory;
 mod plain;
 mod ppi;
 mod random;
+mod received;
 mod rtc;
 mod spi;
 mod timer;
@@ -33,9 +39,10 @@ mod uart;
 mod watchdog;
 
 use crate::error::{Access, Refusal, Trouble};
-use block::{Block, Effect};
 
 pub use clock::ResetReason;
+pub(crate) use lines::Outward;
+use lines::{Lines, Peripheral};
 pub(crate) use memory::{Memory, UICR_START};
 
 /// Cycles of the processor's clock since the board was switched on.
@@ -53,123 +60,6 @@ pub const FLASH_BYTES: u32 = 512 * 1024;
 
 /// Longest chain of events and tasks through PPI in one cycle; a longer one is a ring.
 const LONGEST_CHAIN: usize = 64;
-
-/// What the chip wants from the board around it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Outward {
-    /// The radio's chip select went low (true) or high.
-    Select(bool),
-    /// The radio's reset line was pulled low (true) or released.
-    RadioReset(bool),
-    /// Bytes begin to be clocked to and from the radio by this peripheral.
-    Transfer {
-        /// Its number.
-        id: u8,
-        mosi: Vec<u8>,
-        bits_per_s: u32,
-    },
-    /// The last bit of a byte left on the serial line.
-    Byte(u8),
-    /// The processor stands still for so many cycles.
-    Stall(Cycles),
-    /// The watchdog ran out.
-    WatchdogReset,
-    /// The supply broke down in the middle of a write to flash.
-    PowerLost,
-    /// The supply is switched off until a pin wakes the chip.
-    SystemOff,
-}
-
-/// What a peripheral can reach beyond its own registers.
-pub(crate) struct Lines<'a> {
-    pub(crate) now: Cycles,
-    ram: &'a mut [u8],
-    raised: &'a mut Vec<(u8, u16)>,
-    outward: &'a mut Vec<Outward>,
-}
-
-impl Lines<'_> {
-    /// An event happens.
-    pub(crate) fn raise(&mut self, block: &mut Block, event: u16) {
-        block.mark(event);
-        self.raised.push((block.id, event));
-    }
-
-    /// Tells the board.
-    pub(crate) fn tell(&mut self, what: Outward) {
-        self.outward.push(what);
-    }
-
-    /// EasyDMA reads; RAM is all that it reaches (product specification, 15.1, "EasyDMA").
-    pub(crate) fn dma_read(&self, from: u32, count: u32) -> Result<Vec<u8>, Refusal> {
-        if count == 0 {
-            return Ok(Vec::new());
-        }
-        let place = dma_place(from, count)?;
-        Ok(self.ram.get(place).unwrap_or_default().to_vec())
-    }
-
-    /// EasyDMA writes.
-    pub(crate) fn dma_write(&mut self, to: u32, bytes: &[u8]) -> Result<(), Refusal> {
-        if bytes.is_empty() {
-            return Ok(());
-        }
-        let place = dma_place(to, bytes.len() as u32)?;
-        if let Some(place) = self.ram.get_mut(place) {
-            place.copy_from_slice(bytes);
-        }
-        Ok(())
-    }
-}
-
-/// Where in RAM that is.
-fn dma_place(address: u32, count: u32) -> Result<core::ops::Range<usize>, Refusal> {
-    let outside = || {
-        Refusal::misuse(format!(
-            "EasyDMA of {count} bytes at {address:#010x}, which is not in RAM"
-        ))
-    };
-    let offset = address.checked_sub(RAM_START).ok_or_else(outside)?;
-    let end = offset.checked_add(count).ok_or_else(outside)?;
-    if end > RAM_BYTES {
-        return Err(outside());
-    }
-    Ok(offset as usize..end as usize)
-}
-
-/// One peripheral.
-pub(crate) trait Peripheral {
-    fn block(&self) -> &Block;
-    fn block_mut(&mut self) -> &mut Block;
-
-    /// A task was triggered, by the processor or through PPI.
-    fn task(&mut self, task: u16, lines: &mut Lines<'_>) -> Result<(), Refusal>;
-
-    /// A register that is computed when read; `None` for those that [`Block`] holds.
-    fn read(&mut self, _offset: u16, _lines: &mut Lines<'_>) -> Option<u32> {
-        None
-    }
-
-    /// The processor has written one of the peripheral's own registers.
-    fn written(
-        &mut self,
-        _offset: u16,
-        _value: u32,
-        _lines: &mut Lines<'_>,
-    ) -> Result<(), Refusal> {
-        Ok(())
-    }
-
-    /// When it will do something by itself.
-    fn due(&self) -> Option<Cycles> {
-        None
-    }
-
-    /// Does what is due now.
-    fn advance(&mut self, _lines: &mut Lines<'_>) -> Result<(), Refusal> {
-        Ok(())
-    }
-}
 
 /// What is burnt into a chip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -399,7 +289,7 @@ impl Soc {
 
     fn refuse(&mut self, id: u8, offset: u32, refusal: Refusal) {
         let place = self.peripheral(id).map(|p| p.block().layout.name);
-        let place = place.map_or_else(|| format!("peripheral {id}"), str::to_owned);
+        let place = place.unwrap_or_else(|| plain::name(id)).to_owned();
         self.refuse_at(place, offset, refusal);
     }
 
@@ -412,145 +302,4 @@ impl Soc {
             refusal,
         });
     }
-
-    /// What an event or an interrupt enable reads as: nothing changes by reading it, and firmware does so over and over
-    /// while it waits. `None` for all other registers.
-    pub(crate) fn peek(&mut self, address: u32) -> Option<u32> {
-        let (id, offset) = place(address);
-        let is_plain = (block::EVENTS..block::OWN_REGISTERS).contains(&offset);
-        let block = self.peripheral(id).filter(|_| is_plain)?.block();
-        block.read(offset).ok()
-    }
-
-    /// The processor reads a register of the peripheral bus; `address` is a multiple of 4.
-    pub(crate) fn read(&mut self, address: u32, now: Cycles) -> Option<u32> {
-        if let Some(value) = plain::erratum(address) {
-            return Some(value);
-        }
-        let (id, offset) = place(address);
-        let result = self.act(id, now, |peripheral, lines| {
-            match peripheral.read(offset, lines) {
-                Some(value) => Ok(value),
-                None => peripheral.block().read(offset),
-            }
-        });
-        self.answer(id, offset, result)
-    }
-
-    /// The processor writes one.
-    pub(crate) fn write(&mut self, address: u32, value: u32, now: Cycles) -> Option<()> {
-        if plain::erratum(address).is_some() {
-            return Some(());
-        }
-        let (id, offset) = place(address);
-        let result = self.act(id, now, |peripheral, lines| {
-            match peripheral.block_mut().write(offset, value)? {
-                Effect::Done => Ok(()),
-                Effect::Task(task) => peripheral.task(task, lines),
-                Effect::Written(offset, value) => peripheral.written(offset, value, lines),
-            }
-        });
-        let result = result.map_err(|refusal| match refusal {
-            Refusal::Unmodelled(_) => Refusal::Unmodelled(Access::Write(value)),
-            other => other,
-        });
-        self.answer(id, offset, result)
-    }
-
-    fn answer<R>(&mut self, id: u8, offset: u16, result: Result<R, Refusal>) -> Option<R> {
-        match result {
-            Ok(value) => Some(value),
-            Err(refusal) => {
-                self.refuse(id, offset.into(), refusal);
-                None
-            }
-        }
-    }
-
-    /// The processor reads from the port; its registers are apart from GPIOTE's.
-    pub(crate) fn read_port(&mut self, offset: u16) -> Option<u32> {
-        let result = self.gpio.read_port(offset);
-        self.answer_port(offset, result)
-    }
-
-    /// The processor writes to the port.
-    pub(crate) fn write_port(&mut self, offset: u16, value: u32, now: Cycles) -> Option<()> {
-        let result = self.with(gpio::ID, now, |soc, lines| {
-            soc.gpio.write_port(offset, value, lines)
-        });
-        self.answer_port(offset, result)
-    }
-
-    fn answer_port<R>(&mut self, offset: u16, result: Result<R, Refusal>) -> Option<R> {
-        match result {
-            Ok(value) => Some(value),
-            Err(refusal) => {
-                self.refuse_at("P0".to_owned(), offset.into(), refusal);
-                None
-            }
-        }
-    }
-
-    /// Something outside drives a pin.
-    pub(crate) fn drive_pin(&mut self, pin: u8, high: bool, now: Cycles) {
-        let result = self.with(gpio::ID, now, |soc, lines| {
-            soc.gpio.drive(pin, high, lines);
-            Ok(())
-        });
-        if let Err(refusal) = result {
-            self.refuse(gpio::ID, 0, refusal);
-        }
-    }
-
-    /// What the radio clocked out during the transfer under way.
-    pub(crate) fn answer_transfer(&mut self, id: u8, miso: Vec<u8>) {
-        if let Some(spi) = self.spi.iter_mut().find(|spi| spi.block().id == id) {
-            spi.answer(miso);
-        }
-    }
-
-    /// The host says `bytes` from `now` on.
-    pub(crate) fn hear(&mut self, bytes: &[u8], now: Cycles) {
-        self.uart.hear(bytes, now);
-        self.refresh(uart::ID);
-    }
-
-    /// The processor writes to flash or UICR.
-    pub(crate) fn write_memory(&mut self, address: u32, bytes: &[u8], now: Cycles) -> Option<()> {
-        let result = self.with(memory::ID, now, |soc, lines| {
-            soc.memory.write(address, bytes, lines)
-        });
-        if let Err(refusal) = result {
-            self.refuse_at("flash or UICR".to_owned(), address, refusal);
-            return None;
-        }
-        Some(())
-    }
-
-    /// By which the vendor's start-up code tells revisions of the chip.
-    pub(crate) fn read_rom_table(&mut self, offset: u32) -> Option<u32> {
-        let value = plain::rom_table(offset);
-        if value.is_none() {
-            self.refuse_at(
-                "ROM table".to_owned(),
-                offset,
-                Refusal::Unmodelled(Access::Read),
-            );
-        }
-        value
-    }
-
-    /// FICR, which cannot be written.
-    pub(crate) fn read_ficr(&mut self, offset: u32) -> Option<u32> {
-        let value = plain::ficr(&self.identity, offset);
-        if value.is_none() {
-            self.refuse_at("FICR".to_owned(), offset, Refusal::Unmodelled(Access::Read));
-        }
-        value
-    }
-}
-
-/// A peripheral's number and the offset of a register (product specification, 15.1: 4 kB each).
-fn place(address: u32) -> (u8, u16) {
-    (((address >> 12) & 0xFF) as u8, (address & 0xFFF) as u16)
 }

@@ -128,3 +128,26 @@ pub(crate) fn rom_table(offset: u32) -> Option<u32> {
         _ => None,
     }
 }
+
+/// What the nRF52832 has at that number and the emulator has not (product specification, table 10, "Instantiation
+/// table").
+pub(super) fn name(id: u8) -> &'static str {
+    match id {
+        1 => "RADIO",
+        5 => "NFCT",
+        7 => "SAADC",
+        14 => "ECB",
+        15 => "AAR/CCM",
+        18 => "QDEC",
+        19 => "COMP/LPCOMP",
+        20..=25 => "EGU/SWI",
+        28 => "PWM0",
+        29 => "PDM",
+        32 => "MWU",
+        33 => "PWM1",
+        34 => "PWM2",
+        37 => "I2S",
+        38 => "FPU",
+        _ => "no peripheral",
+    }
+}

@@ -60,7 +60,9 @@ impl Ppi {
             .filter(|n| self.enabled >> n & 1 == 1 && self.block.get(EEP + 8 * n) == address);
         let ends =
             channels.flat_map(|n| [self.block.get(TEP + 8 * n), self.block.get(FORK + 4 * n)]);
-        ends.filter(|&end| end != 0).map(super::place).collect()
+        ends.filter(|&end| end != 0)
+            .map(super::access::place)
+            .collect()
     }
 
     fn enable(&mut self, channels: u32) -> Result<(), Refusal> {

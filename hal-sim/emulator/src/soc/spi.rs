@@ -3,9 +3,8 @@
 //!
 //! The radio hangs on the pins of [`wiring`]; a master on other pins clocks into the void.
 
-use std::collections::VecDeque;
-
 use super::block::{Block, Layout, ro, rw};
+use super::received::Received;
 use super::{CPU_HZ, Cycles, Lines, Outward, Peripheral};
 use crate::error::Refusal;
 use crate::wiring;
@@ -101,7 +100,7 @@ pub(super) struct Spi {
     /// The byte behind it.
     next: Option<u8>,
     /// Bytes that came in and were not read: RXD and one behind it.
-    received: VecDeque<u8>,
+    received: Received,
 }
 
 impl Spi {
@@ -117,7 +116,7 @@ impl Spi {
             answer: None,
             byte_ends: None,
             next: None,
-            received: VecDeque::new(),
+            received: Received::new(2, READY),
         }
     }
 
@@ -213,12 +212,11 @@ impl Spi {
     fn byte_has_ended(&mut self, lines: &mut Lines<'_>) -> Result<(), Refusal> {
         self.byte_ends = None;
         let byte = self.answer.take().unwrap_or_default();
-        if self.received.len() >= 2 {
-            return Err(Refusal::misuse("RXD was not read before the third byte"));
-        }
-        self.received.push_back(byte.first().copied().unwrap_or(0));
-        if self.received.len() == 1 {
-            lines.raise(&mut self.block, READY);
+        let byte = byte.first().copied().unwrap_or(0);
+        match self.received.push(byte) {
+            None => return Err(Refusal::misuse("RXD was not read before the third byte")),
+            Some(true) => lines.raise(&mut self.block, READY),
+            Some(false) => {}
         }
         match self.next.take() {
             Some(next) => self.send_byte(next, lines),
@@ -248,14 +246,7 @@ impl Peripheral for Spi {
     }
 
     fn read(&mut self, offset: u16, lines: &mut Lines<'_>) -> Option<u32> {
-        if offset != RXD {
-            return None;
-        }
-        let byte = self.received.pop_front().unwrap_or(0);
-        if !self.received.is_empty() {
-            lines.raise(&mut self.block, READY);
-        }
-        Some(byte.into())
+        (offset == RXD).then(|| self.received.read(&mut self.block, lines))
     }
 
     fn written(&mut self, offset: u16, value: u32, lines: &mut Lines<'_>) -> Result<(), Refusal> {
@@ -268,7 +259,7 @@ impl Peripheral for Spi {
                 }
                 LEGACY | EASY_DMA => Ok(()),
                 _ => Err(Refusal::misuse(format!(
-                    "ENABLE {value}: only SPI (1) and SPIM (7) are modelled"
+                    "ENABLE {value}: SPI (1) and SPIM (7) are modelled; TWI (5), TWIM (6), SPIS (2), TWIS (9) are not"
                 ))),
             },
             TXD if self.block.get(ENABLE) == LEGACY => {

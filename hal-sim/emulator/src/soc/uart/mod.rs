@@ -2,72 +2,18 @@
 //! (chapter 57). One place, chosen by ENABLE. 8 data bits, a start and a stop bit; parity and flow control cost and
 //! do nothing.
 
+mod registers;
+
 use std::collections::VecDeque;
 
-use super::block::{Block, Layout, ro, rw};
+use super::block::Block;
+use super::received::Received;
 use super::{CPU_HZ, Cycles, Lines, Outward, Peripheral};
 use crate::error::Refusal;
+use registers::*;
 
 /// Its number.
 pub(super) const ID: u8 = 2;
-
-const STARTRX: u16 = 0x000;
-const STOPRX: u16 = 0x004;
-const STARTTX: u16 = 0x008;
-const STOPTX: u16 = 0x00C;
-const SUSPEND: u16 = 0x01C;
-const FLUSHRX: u16 = 0x02C;
-const RXDRDY: u16 = 0x108;
-const ENDRX: u16 = 0x110;
-const TXDRDY: u16 = 0x11C;
-const ENDTX: u16 = 0x120;
-const ERROR: u16 = 0x124;
-const RXTO: u16 = 0x144;
-const RXSTARTED: u16 = 0x14C;
-const TXSTARTED: u16 = 0x150;
-const TXSTOPPED: u16 = 0x158;
-const ERRORSRC: u16 = 0x480;
-const ENABLE: u16 = 0x500;
-const RXD: u16 = 0x518;
-const TXD: u16 = 0x51C;
-const BAUDRATE: u16 = 0x524;
-const RXD_PTR: u16 = 0x534;
-const RXD_MAXCNT: u16 = 0x538;
-const RXD_AMOUNT: u16 = 0x53C;
-const TXD_PTR: u16 = 0x544;
-const TXD_MAXCNT: u16 = 0x548;
-const TXD_AMOUNT: u16 = 0x54C;
-
-const ENDRX_STARTRX: u32 = 1 << 5;
-const ENDRX_STOPRX: u32 = 1 << 6;
-
-const LAYOUT: Layout = Layout {
-    name: "UART0/UARTE0",
-    tasks: &[STARTRX, STOPRX, STARTTX, STOPTX, SUSPEND, FLUSHRX],
-    // 0x100 CTS and 0x104 NCTS never happen here.
-    events: &[
-        0x100, 0x104, RXDRDY, ENDRX, TXDRDY, ENDTX, ERROR, RXTO, RXSTARTED, TXSTARTED, TXSTOPPED,
-    ],
-    // 3 and 4, CTS_STARTRX and NCTS_STOPRX of the older UART, never act here.
-    shorts: ENDRX_STARTRX | ENDRX_STOPRX | 0x18,
-    interrupts: true,
-    registers: &[
-        rw(ERRORSRC, 0xF),
-        rw(ENABLE, 0xF),
-        // PSEL.RTS, TXD, CTS, RXD.
-        rw(0x508, !0).reset(!0).times(4),
-        ro(RXD, 0),
-        rw(TXD, 0xFF),
-        rw(BAUDRATE, !0).reset(0x0400_0000),
-        rw(RXD_PTR, !0),
-        rw(RXD_MAXCNT, 0xFF),
-        ro(RXD_AMOUNT, 0),
-        rw(TXD_PTR, !0),
-        rw(TXD_MAXCNT, 0xFF),
-        ro(TXD_AMOUNT, 0),
-        rw(0x56C, 0x1F),
-    ],
-};
 
 const LEGACY: u32 = 4;
 const EASY_DMA: u32 = 8;
@@ -102,7 +48,7 @@ pub(crate) struct Uart {
     may_send: bool,
     may_receive: bool,
     filling: Option<Filling>,
-    fifo: VecDeque<u8>,
+    received: Received,
     /// STOPRX was triggered: RXTO comes then.
     stops: Option<Cycles>,
     /// What the host says: when each byte is complete, in order.
@@ -117,7 +63,7 @@ impl Uart {
             may_send: false,
             may_receive: false,
             filling: None,
-            fifo: VecDeque::new(),
+            received: Received::new(FIFO_BYTES, RXDRDY),
             stops: None,
             arriving: VecDeque::new(),
         }
@@ -200,7 +146,7 @@ impl Uart {
     fn fill(&mut self, lines: &mut Lines<'_>) -> Result<(), Refusal> {
         while let Some(filling) = &mut self.filling {
             if filling.count < filling.capacity {
-                let Some(byte) = self.fifo.pop_front() else {
+                let Some(byte) = self.received.take() else {
                     return Ok(());
                 };
                 lines.dma_write(filling.to.wrapping_add(filling.count), &[byte])?;
@@ -245,20 +191,19 @@ impl Uart {
         if !self.may_receive || !(self.is(EASY_DMA) || self.is(LEGACY)) {
             return Ok(());
         }
-        if self.fifo.len() >= FIFO_BYTES {
+        let Some(is_shown) = self.received.push(byte) else {
             let source = self.block.get(ERRORSRC) | OVERRUN;
             self.block.set(ERRORSRC, source);
             lines.raise(&mut self.block, ERROR);
             return Ok(());
-        }
-        self.fifo.push_back(byte);
-        if self.is(EASY_DMA) {
+        };
+        // With EasyDMA the event comes with every byte.
+        if is_shown || self.is(EASY_DMA) {
             lines.raise(&mut self.block, RXDRDY);
+        }
+        if self.is(EASY_DMA) {
             self.fill(lines)
         } else {
-            if self.fifo.len() == 1 {
-                lines.raise(&mut self.block, RXDRDY);
-            }
             Ok(())
         }
     }
@@ -314,14 +259,7 @@ impl Peripheral for Uart {
     }
 
     fn read(&mut self, offset: u16, lines: &mut Lines<'_>) -> Option<u32> {
-        if offset != RXD {
-            return None;
-        }
-        let byte = self.fifo.pop_front().unwrap_or(0);
-        if !self.fifo.is_empty() {
-            lines.raise(&mut self.block, RXDRDY);
-        }
-        Some(byte.into())
+        (offset == RXD).then(|| self.received.read(&mut self.block, lines))
     }
 
     fn written(&mut self, offset: u16, value: u32, lines: &mut Lines<'_>) -> Result<(), Refusal> {
@@ -332,7 +270,7 @@ impl Peripheral for Uart {
             ENABLE if value == 0 => {
                 (self.sending, self.filling, self.stops) = (None, None, None);
                 (self.may_send, self.may_receive) = (false, false);
-                self.fifo.clear();
+                self.received.clear();
                 Ok(())
             }
             TXD if self.is(LEGACY) && self.may_send => {
