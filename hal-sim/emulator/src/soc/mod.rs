@@ -303,3 +303,6 @@ impl Soc {
         });
     }
 }
+
+#[cfg(test)]
+mod tests;
