@@ -168,6 +168,20 @@ impl Pair {
         (0..32).for_each(|n| self.model.set_irq(n, levels >> n & 1 == 1));
     }
 
+    /// What differs after a step, if anything does; `Err` when the programs part because they are known to differ:
+    /// rsemu drops ITSTATE where an exception begins or ends within an IT block, and takes it one further at a fault.
+    fn known_step(&mut self) -> Result<Option<String>, ()> {
+        const ITSTATE: u32 = 0x0600_FC00;
+        let before = self.core.registers().xpsr;
+        let difference = self.step();
+        let exceptions = before ^ self.core.registers().xpsr;
+        let faulted = exceptions & 0x1FF != 0 || self.core.is_locked_up();
+        if before & ITSTATE != 0 && faulted {
+            return Err(());
+        }
+        Ok(difference)
+    }
+
     /// What differs after a step, if anything does.
     fn step(&mut self) -> Option<String> {
         let at = self.core.pc();
@@ -276,7 +290,10 @@ proptest! {
     fn any_instruction_does_what_it_does_in_rsemu(start in start(4)) {
         let mut pair = Pair::new(&start);
         for _ in 0..4 {
-            prop_assert_eq!(pair.step(), None);
+            let Ok(difference) = pair.known_step() else {
+                return Ok(());
+            };
+            prop_assert_eq!(difference, None);
         }
         prop_assert!(pair.ram_is_the_same());
     }
@@ -294,7 +311,10 @@ proptest! {
         for (levels, fewer, steps) in lines {
             pair.set_levels(levels & fewer);
             for _ in 0..steps {
-                prop_assert_eq!(pair.step(), None);
+                let Ok(difference) = pair.known_step() else {
+                    return Ok(());
+                };
+                prop_assert_eq!(difference, None);
             }
         }
         prop_assert!(pair.ram_is_the_same());
@@ -321,4 +341,37 @@ fn code_that_has_changed_is_decoded_anew_once_it_is_forgotten() {
         core.step(&mut memory);
     }
     assert_eq!(core.reg(0), 2);
+}
+
+/// Armv7-M ARM, B1.5.6: what is stacked is all of xPSR, with the place within an IT block.
+#[test]
+fn an_interrupt_within_an_it_block_comes_back_into_it() {
+    let mut code = vec![0; CODE_BYTES as usize];
+    code[..8].copy_from_slice(&[0, 8, 0, 0x20, 1, 2, 0, 0]);
+    // Interrupt 0: BX lr at 0x300.
+    code[0x40..0x44].copy_from_slice(&[1, 3, 0, 0]);
+    code[0x300..0x302].copy_from_slice(&[0x70, 0x47]);
+    // MOVS r0, #1; ITE EQ; MOVEQ r1, #5; MOVNE r2, #6; B to itself.
+    let program = [0x2001u16, 0xBF0C, 0x2105, 0x2206, 0xE7FE];
+    for (place, halfword) in code[ENTRY as usize..].chunks_exact_mut(2).zip(program) {
+        place.copy_from_slice(&halfword.to_le_bytes());
+    }
+    // The interrupt comes before the n-th step.
+    for n in 0..6 {
+        let mut core = Core::new(3);
+        let ram = vec![0; RAM_BYTES as usize];
+        let mut memory = Memory {
+            code: code.clone(),
+            ram,
+        };
+        core.step(&mut memory);
+        core.sys_mut().write_word(0xE000_E100, 1);
+        for step in 0..10 {
+            core.set_levels(u64::from(step == n));
+            core.step(&mut memory);
+        }
+        let registers = core.registers();
+        assert_eq!([registers.r[1], registers.r[2]], [0, 6], "before step {n}");
+        assert_eq!(registers.r[15], ENTRY + 8);
+    }
 }

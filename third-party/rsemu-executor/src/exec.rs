@@ -910,8 +910,7 @@ impl<'a, B: Bus> Exec<'a, B> {
         self.state.r[13] = sp;
 
         let privileged = self.state.privileged();
-        let xpsr_stacked =
-            (self.state.xpsr & !(xpsr::EXCEPTION | 0x0600_fc00)) | if aligned { 1 << 9 } else { 0 };
+        let xpsr_stacked = (self.state.xpsr & !xpsr::EXCEPTION) | if aligned { 1 << 9 } else { 0 };
         let frame = [
             self.state.r[0],
             self.state.r[1],
@@ -1188,12 +1187,13 @@ impl<'a, B: Bus> Exec<'a, B> {
                 _ => true,
             };
 
-        let outcome = if passed { self.execute(insn) } else { Ok(()) };
-
-        // `IT` sets ITSTATE; everything else advances it.
-        if !matches!(insn, Insn::It { .. }) && it != 0 {
+        // `IT` sets ITSTATE; everything else advances it, and before it is
+        // executed: what `SVC` stacks is the next instruction's, and what an
+        // exception return restores is not to be touched any more.
+        if it != 0 && !matches!(insn, Insn::It { .. }) {
             self.state.it_advance();
         }
+        let outcome = if passed { self.execute(insn) } else { Ok(()) };
 
         match outcome {
             Ok(()) => {
@@ -1207,6 +1207,7 @@ impl<'a, B: Bus> Exec<'a, B> {
                 // `BKPT` stack the next one and do not come through here
                 // (DDI 0403 B1.5.6).
                 self.state.r[15] = pc;
+                self.state.set_itstate(it);
                 self.take_trap(trap, pc);
             }
         }
