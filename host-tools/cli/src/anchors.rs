@@ -13,6 +13,7 @@
 //! range_bias_m = -0.01        # to be taken off every range
 //! range_bias_sigma_m = 0.13
 //! position_bias_m2 = [0.01, 0.0, 0.0]   # covariance of the coordinates with the bias
+//! range_sigma_m = 0.05        # how far its ranges scattered; left out where nobody knows
 //! ```
 
 use crate::error::bad_input;
@@ -25,6 +26,9 @@ use nova_solver::fusion::FusionAnchor;
 use nova_solver::geodesy::{Geodetic, LocalFrame};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+/// Ranges whose residuals happen to vanish are not taken for better than this, metres.
+const SMALLEST_SIGMA_M: f64 = 0.01;
 
 /// A file of anchors.
 #[derive(Debug, Serialize, Deserialize)]
@@ -71,6 +75,8 @@ pub(crate) struct AnchorEntry {
     pub(crate) range_bias_sigma_m: f64,
     #[serde(default)]
     pub(crate) position_bias_m2: [f64; 3],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) range_sigma_m: Option<f64>,
 }
 
 impl AnchorEntry {
@@ -83,17 +89,19 @@ impl AnchorEntry {
             range_bias_m: found.range_bias_m,
             range_bias_sigma_m: found.range_bias_sigma_m,
             position_bias_m2: found.position_bias_m2.into(),
+            range_sigma_m: Some(found.residual_rms_m.max(SMALLEST_SIGMA_M)),
         }
     }
 
-    /// The same for the filter.
-    pub(crate) fn for_fusion(&self) -> FusionAnchor {
+    /// The same for the filter; `sigma_m` is that of ranges where the file says nothing.
+    pub(crate) fn for_fusion(&self, sigma_m: f64) -> FusionAnchor {
         FusionAnchor {
             position_m: self.position_m.into(),
             covariance_m2: self.covariance_m2.into(),
             bias_m: self.range_bias_m,
             bias_sigma_m: self.range_bias_sigma_m,
             position_bias_m2: self.position_bias_m2.into(),
+            range_sigma_m: self.range_sigma_m.unwrap_or(sigma_m),
         }
     }
 
@@ -174,6 +182,11 @@ impl AnchorsFile {
             if anchor.range_bias_sigma_m < 0.0 {
                 return Err(bad_input!(
                     "{name}: anchor {peer}: range_bias_sigma_m is negative"
+                ));
+            }
+            if anchor.range_sigma_m.is_some_and(|s| !(s > 0.0 && s < 1e9)) {
+                return Err(bad_input!(
+                    "{name}: anchor {peer}: range_sigma_m must be more than 0 metres"
                 ));
             }
             if file

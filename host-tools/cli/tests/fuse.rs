@@ -142,3 +142,31 @@ fn bad_input_names_file_and_line() {
     let said = nova.run(&["fuse", "--imu", "f/imu.csv"]);
     assert_eq!(said.code, 2);
 }
+
+#[test]
+fn page_shows_the_track_its_doubt_and_what_became_of_ranges() {
+    let nova = example();
+    let plain = run(&nova, &["--plot", "plain.html"]);
+    assert_eq!(plain.code, 0, "{}", plain.err);
+    let said = run(&nova, &["--truth", "f/truth.csv", "--plot", "page.html"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let read = |name| std::fs::read_to_string(nova.folder.path().join(name)).unwrap();
+    let (plain, page) = (read("plain.html"), read("page.html"));
+    assert_eq!(page.matches("<svg").count(), 4);
+    for text in [
+        "two sigmas",
+        "set aside",
+        "weighed down",
+        "anchors",
+        "error, vertical",
+    ] {
+        assert!(page.contains(text), "{text}");
+    }
+    assert!(!plain.contains("error, vertical") && plain.matches("<svg").count() == 4);
+    let loose = run(&nova, &["--mode", "loose", "--plot", "loose.html"]);
+    assert_eq!(loose.code, 0, "{}", loose.err);
+    assert_eq!(read("loose.html").matches("<svg").count(), 3);
+    let nowhere = run(&nova, &["--plot", "nowhere/page.html"]);
+    assert_eq!(nowhere.code, 1);
+    assert!(nowhere.err.contains("nowhere/page.html"), "{}", nowhere.err);
+}

@@ -17,6 +17,7 @@ fn tight(c: &mut Criterion) {
         bias_m: 0.0,
         bias_sigma_m: 0.1,
         position_bias_m2: Vector3::zeros(),
+        range_sigma_m: 0.06,
     });
     let name = format!("tight over a flight of {:.1} s", flown.last().unwrap().t_s);
     let method = Method::Tight { judge_ranges: true };

@@ -8,7 +8,7 @@ fn main() {
         .nth(1)
         .and_then(|n| n.parse().ok())
         .unwrap_or(20);
-    let report = run_experiment(seeds, 1);
+    let report = run_experiment(seeds, 2025);
     let mut table = 0;
     let list = |values: &[f64]| -> String {
         let texts: Vec<String> = values.iter().map(|v| format!("{v:.2}")).collect();

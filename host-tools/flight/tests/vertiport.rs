@@ -8,7 +8,7 @@ use nova_flight::trial_seed;
 use nova_flight::vertiport::{
     Air, Errors, Log, Method, Report, Route, anchors_m, in_area, navigate, path, run_experiment,
 };
-use nova_solver::fusion::{Fate, FusionAnchor, ImuNoise, Tight, TightOptions};
+use nova_solver::fusion::{Fate, FusionAnchor, ImuNoise, Tight, TightOptions, UwbRange};
 
 /// Horizontal and vertical of a row.
 fn row(report: &Report, table: u8, name: &str) -> [f64; 2] {
@@ -83,6 +83,7 @@ fn known_anchors() -> Vec<FusionAnchor> {
             bias_m: 0.0,
             bias_sigma_m: 0.0,
             position_bias_m2: Vector3::zeros(),
+            range_sigma_m: 0.06,
         })
         .to_vec()
 }
@@ -114,9 +115,14 @@ fn innovations_are_as_large_as_the_filter_says() {
         for sample in log.imu.iter().skip(2000) {
             filter.on_imu(sample);
             while let Some(range) = ranges.next_if(|r| r.t_s <= sample.t_s) {
-                if let Fate::Used(nis) =
-                    filter.on_range(range.t_s, range.anchor, range.range_m, 0.06)
-                {
+                let range = UwbRange {
+                    t_s: range.t_s,
+                    anchor: range.anchor,
+                    range_m: range.range_m,
+                    sigma_m: 0.06,
+                    power: None,
+                };
+                if let Fate::Used(nis) = filter.on_range(&range) {
                     (sum, n) = (sum + nis, n + 1.0);
                 }
             }

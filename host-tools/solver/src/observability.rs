@@ -59,6 +59,17 @@ impl Observability {
         matches!(self, Observability::Unique)
     }
 
+    /// In a word, as outputs for machines have it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Observability::Unique => "unique",
+            Observability::Mirror => "mirror",
+            Observability::Ring { .. } => "ring",
+            Observability::Sphere { .. } => "sphere",
+            Observability::Weak { .. } => "weak",
+        }
+    }
+
     /// The same with the origin of the coordinates moved by `-origin`.
     pub(crate) fn moved_by(mut self, origin: Vector3<f64>) -> Self {
         match &mut self {

@@ -293,18 +293,8 @@ fn answer<'a>(peer: &'a Peer, found: &Localisation) -> Answer<'a> {
             probability: other.probability,
         }),
         observable: found.observable(),
-        verdict: verdict(&found.observability),
+        verdict: found.observability.name(),
         condition: found.condition,
-    }
-}
-
-fn verdict(observability: &Observability) -> &'static str {
-    match observability {
-        Observability::Unique => "unique",
-        Observability::Mirror => "mirror",
-        Observability::Ring { .. } => "ring",
-        Observability::Sphere { .. } => "sphere",
-        Observability::Weak { .. } => "weak",
     }
 }
 

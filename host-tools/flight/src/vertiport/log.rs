@@ -143,9 +143,9 @@ impl Markov {
 }
 
 /// Reach of the radios, metres.
-const REACH_M: f64 = 35.0;
+pub(super) const REACH_M: f64 = 35.0;
 /// Part of the ranges that get lost.
-const LOST: f64 = 0.1;
+pub(super) const LOST: f64 = 0.1;
 /// Mean time for which a path stays blocked, seconds.
 const BLOCKED_S: f64 = 3.0;
 

@@ -13,6 +13,7 @@
 //! time offset and blocked paths ([`Air`]). Not modelled: buildings as such (blocked paths come and go
 //! by chance), satellites (GNSS gives positions), vibration.
 
+mod bound;
 mod log;
 mod navigation;
 mod path;

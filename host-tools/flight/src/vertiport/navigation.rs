@@ -4,10 +4,9 @@ use nalgebra::{Matrix3, Vector3};
 use nova_solver::MultilaterationOptions;
 use nova_solver::fusion::{
     Fate, FusionAnchor, GnssFix, ImuSample, Loose, LooseOptions, Navigation, Tight, TightOptions,
+    UwbRange,
 };
-use nova_solver::positioning::{
-    AnchorRange, Power, RangeFilter, RangeFilterOptions, locate, sigma_factor,
-};
+use nova_solver::positioning::{AnchorRange, Power, RangeFilter, RangeFilterOptions, locate};
 
 use super::log::{Log, Range};
 use super::path::{Moment, STEP_S};
@@ -86,8 +85,8 @@ fn events(log: &Log) -> Vec<(f64, Event<'_>)> {
     events
 }
 
-/// Standard deviation of a range that is believed, metres: noise and what the survey left of biases.
-const RANGE_SIGMA_M: f64 = 0.1;
+/// Standard deviation of a range where no survey has seen how far they scatter, metres.
+pub(super) const RANGE_SIGMA_M: f64 = 0.1;
 
 /// Flies a method over a log. `lag_s` and `slope` are what the survey found of the ranges' clock and of
 /// their growth with distance: zero for the paper's method, which does not know of them. Returns the
@@ -137,17 +136,17 @@ pub fn navigate(
             }
             Event::Range(range) if is_tight => {
                 let [rx_dbm, first_path_dbm] = range.power_dbm;
-                let power = Power {
-                    rx_dbm,
-                    first_path_dbm,
+                let uwb = UwbRange {
+                    t_s: range.t_s - lag_s,
+                    anchor: range.anchor,
+                    range_m: range.range_m,
+                    sigma_m: (anchors.get(range.anchor)).map_or(RANGE_SIGMA_M, |a| a.range_sigma_m),
+                    power: Some(Power {
+                        rx_dbm,
+                        first_path_dbm,
+                    }),
                 };
-                let factor = if options.judge_ranges {
-                    sigma_factor(power)
-                } else {
-                    1.0
-                };
-                let sigma = RANGE_SIGMA_M * factor;
-                match tight.on_range(range.t_s - lag_s, range.anchor, range.range_m, sigma) {
+                match tight.on_range(&uwb) {
                     Fate::Used(v) | Fate::Weighed(v) | Fate::SetAside(v) if v.is_finite() => {
                         nis.push(v)
                     }

@@ -9,8 +9,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::anchors_m;
+use super::bound::survey_bound;
 use super::log::{Air, Log, Receiver};
-use super::navigation::{Errors, Method, navigate, positions_of_uwb};
+use super::navigation::{Errors, Method, RANGE_SIGMA_M, navigate, positions_of_uwb};
 use super::path::{Moment, Route, path};
 use crate::streams::{normal, trial_seed};
 
@@ -146,6 +147,9 @@ impl Trial {
             let name = |how| format!("flight {}, {how}, against the truth", k + 1);
             say(3, name("one by one"), ENU, &[], apart(alone, &truth));
             say(3, name("all at once"), ENU, &[], apart(together, &truth));
+            if let Some(bound) = survey_bound(&paths[k], Receiver::ALL[0].rms_m, &air[k]) {
+                say(3, name("bound"), ENU, &[], bound.to_vec());
+            }
         }
 
         // Tables 4 and 5: the survey by receiver, third flight.
@@ -173,6 +177,9 @@ impl Trial {
             let together = surveyed_jointly(&logs[2], receiver)?;
             let text = format!("{name}, all at once, against PwrPak7's");
             say(5, text, ENU, &[], apart(&together, &places(joint_third)));
+            if let Some(bound) = survey_bound(&paths[2], Receiver::ALL[receiver].rms_m, &air[2]) {
+                say(5, format!("{name}, bound"), ENU, &[], bound.to_vec());
+            }
         }
 
         // Tables 6 and 7: navigation in the anchored area.
@@ -298,6 +305,7 @@ fn surveyed_one_by_one(log: &Log, receiver: usize) -> Option<Site> {
                 bias_m: 0.0,
                 bias_sigma_m: 0.0,
                 position_bias_m2: Vector3::zeros(),
+                range_sigma_m: RANGE_SIGMA_M,
             })
         })
         .collect::<Option<Vec<_>>>()?;
@@ -331,6 +339,7 @@ fn surveyed_jointly(log: &Log, receiver: usize) -> Option<Site> {
                 bias_m: anchor.found.range_bias_m,
                 bias_sigma_m: anchor.found.range_bias_sigma_m,
                 position_bias_m2: anchor.found.position_bias_m2,
+                range_sigma_m: anchor.found.residual_rms_m,
             })
             .collect(),
         lag_and_slope: [found.common.lag_s, found.common.slope],
@@ -352,6 +361,7 @@ fn placed_by_gnss(seed: u64) -> Site {
             bias_m: 0.0,
             bias_sigma_m: 0.0,
             position_bias_m2: Vector3::zeros(),
+            range_sigma_m: RANGE_SIGMA_M,
         }
     });
     Site {

@@ -15,7 +15,7 @@
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-use super::ImuSample;
+use super::{ImuSample, usable};
 use crate::ins::GRAVITY_M_S2;
 
 /// How good the sensor is.
@@ -87,7 +87,7 @@ impl Imu {
         covariance: &mut DMatrix<f64>,
     ) -> bool {
         let sound = sample.t_s.is_finite()
-            && sample.force_m_s2.iter().all(|v| v.is_finite())
+            && sample.force_m_s2.iter().all(|v| usable(*v))
             && sample.enu_from_body.iter().all(|v| v.is_finite());
         if !sound || sample.t_s < self.t_s {
             return false;
@@ -107,11 +107,14 @@ impl Imu {
         frame_from_enu: &Matrix3<f64>,
         covariance: &mut DMatrix<f64>,
     ) {
-        // A long gap in steps, so that what is unknown grows as it should.
+        // A long gap in steps, so that what is unknown grows as it should; a time stamp that is wrong by
+        // years in no more than a thousand.
         const STEP_S: f64 = 0.1;
+        const MOST_STEPS: f64 = 1000.0;
+        let step_s = ((t_s - self.t_s) / MOST_STEPS).max(STEP_S);
         while t_s > self.t_s {
-            let dt = (t_s - self.t_s).min(STEP_S);
-            self.t_s = if dt < STEP_S { t_s } else { self.t_s + dt };
+            let dt = (t_s - self.t_s).min(step_s);
+            self.t_s = if dt < step_s { t_s } else { self.t_s + dt };
             let (turn, a) = match &self.last {
                 Some(sample) => {
                     let turn = frame_from_enu * sample.enu_from_body;

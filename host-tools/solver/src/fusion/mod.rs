@@ -26,6 +26,9 @@ pub use tight::{Fate, FusionAnchor, Tight, TightOptions};
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::measurement::LARGEST_LENGTH_M;
+use crate::positioning::Power;
+
 /// One reading of the inertial sensor, with the attitude its AHRS gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImuSample {
@@ -46,6 +49,21 @@ pub struct GnssFix {
     pub position_m: Vector3<f64>,
     /// Position dilution of precision.
     pub pdop: f64,
+}
+
+/// A range to an anchor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UwbRange {
+    /// Seconds.
+    pub t_s: f64,
+    /// The anchor's place among those given to the filter, from 0.
+    pub anchor: usize,
+    /// Metres.
+    pub range_m: f64,
+    /// Standard deviation in line of sight, metres.
+    pub sigma_m: f64,
+    /// Receive powers, where known: they tell a blocked path.
+    pub power: Option<Power>,
 }
 
 /// Where antennas are on the vehicle, body frame, metres from the inertial sensor.
@@ -81,6 +99,11 @@ pub enum Timing {
 pub const MAX_AGE_S: f64 = 0.5;
 /// The last inertial reading is held so long, seconds.
 pub const MAX_HOLD_S: f64 = 0.5;
+
+/// Whether a number can be meant: beyond this, squares and sums would not stay finite.
+fn usable(value: f64) -> bool {
+    value.abs() <= LARGEST_LENGTH_M
+}
 
 /// Judges a measurement's time stamp.
 pub fn timing(now_s: f64, t_s: f64) -> Timing {

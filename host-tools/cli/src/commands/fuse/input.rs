@@ -7,9 +7,9 @@ use crate::place::Place;
 use crate::table::{ColumnNames, Row, Table, file_name};
 use anyhow::Result;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use nova_solver::fusion::{GnssFix, ImuSample};
+use nova_solver::fusion::{GnssFix, ImuSample, UwbRange};
 use nova_solver::geodesy::LocalFrame;
-use nova_solver::positioning::{Power, sigma_factor};
+use nova_solver::positioning::Power;
 use nova_solver::survey::{Track, TrackPoint};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,17 +18,7 @@ use std::path::Path;
 pub(super) enum Reading {
     Imu(ImuSample),
     Gnss(GnssFix),
-    Range(Range),
-}
-
-/// A range with the number of its anchor.
-pub(super) struct Range {
-    pub(super) t_s: f64,
-    pub(super) anchor: usize,
-    pub(super) range_m: f64,
-    pub(super) sigma_m: f64,
-    /// What the powers say that the sigma is to be multiplied by.
-    pub(super) factor: f64,
+    Range(UwbRange),
 }
 
 /// All lines in order of time.
@@ -205,26 +195,28 @@ fn read_ranges(path: &Path, site: &AnchorsFile, sigma_m: f64, lines: &mut Lines)
             return Err(row.complain(range, &format!("is negative ({range_m})")));
         }
         let sigma_m = match sigma {
-            None => sigma_m,
+            None => (site.anchors.get(anchor))
+                .and_then(|anchor| anchor.range_sigma_m)
+                .unwrap_or(sigma_m),
             Some(column) => match row.number(column)? {
                 value if value > 0.0 => value,
                 other => return Err(row.complain(column, &format!("is not positive ({other})"))),
             },
         };
-        let factor = match powers {
-            None => 1.0,
-            Some((rx, first_path)) => sigma_factor(Power {
+        let power = match powers {
+            None => None,
+            Some((rx, first_path)) => Some(Power {
                 rx_dbm: row.number(rx)?,
                 first_path_dbm: row.number(first_path)?,
             }),
         };
         known += 1;
-        Ok(Some(Reading::Range(Range {
+        Ok(Some(Reading::Range(UwbRange {
             t_s,
             anchor,
             range_m,
             sigma_m,
-            factor,
+            power,
         })))
     })?;
     for (peer, count) in &unknown {

@@ -2,9 +2,10 @@
 
 mod example;
 mod input;
+mod page;
 mod report;
 
-use crate::anchors::{AnchorEntry, AnchorsFile};
+use crate::anchors::AnchorsFile;
 use crate::error::bad_input;
 use crate::files::write_whole;
 use crate::place::Triple;
@@ -12,10 +13,11 @@ use anyhow::Result;
 use input::{Events, Input, Reading};
 use nova_solver::MultilaterationOptions;
 use nova_solver::fusion::{
-    Fate, FusionAnchor, LeverArms, Loose, LooseOptions, Navigation, Tight, TightOptions,
+    Fate, FusionAnchor, LeverArms, Loose, LooseOptions, Navigation, Tight, TightOptions, UwbRange,
 };
 use nova_solver::geodesy::{Geodetic, LocalFrame};
 use nova_solver::positioning::{AnchorRange, locate};
+use page::Shown;
 use report::{Counts, Report};
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -39,7 +41,7 @@ t_s, x_m, y_m, z_m, sigma_x_m, sigma_y_m, sigma_z_m, and lat_deg, lon_deg, alt_m
 Examples:
   nova fuse --example flight3        files of a simulated flight to try it with
   cd flight3; nova fuse --imu imu.csv --gnss gnss.csv --ranges ranges.csv --anchors anchors.toml \\
-    --truth truth.csv --out track.csv")]
+    --truth truth.csv --out track.csv --plot track.html")]
 pub(crate) struct Fuse {
     /// The inertial sensor.
     #[arg(long, value_name = "FILE", required_unless_present = "example")]
@@ -62,7 +64,8 @@ pub(crate) struct Fuse {
     /// UWB antenna from the inertial sensor, body frame, metres.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     uwb_arm: Option<Triple>,
-    /// Standard deviation of a range, in metres, where the file has no sigma_m.
+    /// Standard deviation of a range, in metres, where neither the file has sigma_m nor the anchor
+    /// range_sigma_m.
     #[arg(long, value_name = "M", default_value_t = 0.1)]
     sigma: f64,
     /// Take every range as it is instead of judging it.
@@ -74,6 +77,9 @@ pub(crate) struct Fuse {
     /// Write the track, ten lines a second.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Write a page with the track from above, its height, errors, and what became of the ranges.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// One JSON object instead of text.
     #[arg(long)]
     json: bool,
@@ -114,12 +120,26 @@ impl Fuse {
         let site = AnchorsFile::read(anchors)?;
         let mut frame = site.frame(anchors)?;
         let input = Input::read([imu, gnss, ranges], &site, self.sigma, &mut frame)?;
-        let (track, counts) = self.navigate(&input.events, &site, frame)?;
+        let Flown {
+            track,
+            counts,
+            fates,
+        } = self.navigate(&input.events, &site, frame)?;
         if let Some(path) = &self.out {
             write_whole(path, report::csv(&track, frame.as_ref()))?;
         }
         let truth = self.truth.as_deref().map(input::truth).transpose()?;
         let report = Report::new(&track, counts, truth.as_ref(), input.notes);
+        if let Some(path) = &self.plot {
+            let shown = Shown {
+                track: &track,
+                fates: &fates,
+                site: &site,
+                truth: truth.as_ref(),
+                report: &report,
+            };
+            shown.write(path)?;
+        }
         let said = if self.json {
             serde_json::to_string(&report)? + "\n"
         } else {
@@ -133,8 +153,10 @@ impl Fuse {
         events: &Events,
         site: &AnchorsFile,
         frame: Option<LocalFrame>,
-    ) -> Result<(Vec<Navigation>, Counts)> {
-        let anchors: Vec<FusionAnchor> = site.anchors.iter().map(AnchorEntry::for_fusion).collect();
+    ) -> Result<Flown> {
+        let anchors: Vec<FusionAnchor> = (site.anchors.iter())
+            .map(|anchor| anchor.for_fusion(self.sigma))
+            .collect();
         let (lag_s, slope) = site.common.map_or((0.0, 0.0), |c| (c.lag_s, c.slope));
         let zero = nalgebra::Vector3::zeros();
         let arms = LeverArms {
@@ -169,6 +191,7 @@ impl Fuse {
         let is_tight = self.mode == Mode::Tight;
         let mut counts = Counts::default();
         let mut track: Vec<Navigation> = Vec::new();
+        let mut fates = Vec::new();
         for (_, event) in &events.0 {
             match event {
                 Reading::Imu(sample) if is_tight => {
@@ -186,10 +209,10 @@ impl Fuse {
                     counts.gnss(nis);
                 }
                 Reading::Range(range) if is_tight => {
-                    let sigma_m = range.sigma_m * if self.no_judging { 1.0 } else { range.factor };
-                    let fate =
-                        tight.on_range(range.t_s - lag_s, range.anchor, range.range_m, sigma_m);
+                    let t_s = range.t_s - lag_s;
+                    let fate = tight.on_range(&UwbRange { t_s, ..*range });
                     counts.range(fate);
+                    fates.push((t_s, fate));
                 }
                 Reading::Range(range) => {
                     let Some(anchor) = anchors.get(range.anchor) else {
@@ -221,8 +244,20 @@ impl Fuse {
         } else {
             loose.refused()
         };
-        Ok((track, counts))
+        Ok(Flown {
+            track,
+            counts,
+            fates,
+        })
     }
+}
+
+/// What navigation over the files gave.
+struct Flown {
+    track: Vec<Navigation>,
+    counts: Counts,
+    /// Of each range in the tight mode: when it was measured and what became of it.
+    fates: Vec<(f64, Fate)>,
 }
 
 /// Ranges of one tenth of a second, for a position from them together.

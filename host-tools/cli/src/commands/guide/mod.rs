@@ -10,12 +10,12 @@ mod team;
 use crate::error::bad_input;
 use crate::interrupt;
 use crate::peer::Peer;
+use crate::place::Triple;
 use crate::sim_node::BAUD;
 use crate::source::{self, RETRY, Source};
 use crate::table::ColumnNames;
 use anyhow::Result;
 use live::{Arrival, HostClock};
-use nalgebra::Vector3;
 use nova_solver::map::{MapNavigator, MapOptions};
 use nova_solver::navigation::{FirstGuess, InsSample, Navigator};
 use pairing::Heard;
@@ -70,7 +70,7 @@ pub(crate) struct Guide {
     peer: Option<String>,
     /// Where the tag is said to be, ENU metres. Without it: anywhere as far away as the first range.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    first_guess: Option<Place>,
+    first_guess: Option<Triple>,
     /// How far --first-guess may be off along each axis, metres (one sigma).
     #[arg(long, value_name = "M", requires = "first_guess")]
     guess_sigma: Option<f64>,
@@ -126,26 +126,6 @@ impl FromStr for InsSource {
             None => Ok(Self::File(text.into())),
             Some(address) if address.contains(':') => Ok(Self::Udp(address.to_owned())),
             Some(_) => Err("not of the form udp:ADDRESS:PORT".to_owned()),
-        }
-    }
-}
-
-/// Three coordinates.
-#[derive(Clone, Copy)]
-struct Place(Vector3<f64>);
-
-impl FromStr for Place {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Vec<f64> = text
-            .split(',')
-            .filter_map(|number| number.trim().parse().ok())
-            .filter(|number: &f64| number.is_finite())
-            .collect();
-        match numbers[..] {
-            [x, y, z] if text.split(',').count() == 3 => Ok(Self(Vector3::new(x, y, z))),
-            _ => Err("not three numbers X,Y,Z".to_owned()),
         }
     }
 }
@@ -274,7 +254,7 @@ impl Guide {
         let defaults = MapOptions::default();
         let anywhere_m = heard.range.range_m.clamp(1.0, 200.0);
         let (guess_m, sigma_m) = match self.first_guess {
-            Some(Place(guess_m)) => (guess_m, self.guess_sigma),
+            Some(Triple(guess_m)) => (guess_m, self.guess_sigma),
             None => (place.position_m, Some(anywhere_m)),
         };
         let options = MapOptions {

@@ -3,7 +3,6 @@
 use super::input::Input;
 use crate::peer::Peer;
 use nalgebra::Vector3;
-use nova_solver::Observability;
 use nova_solver::geodesy::Geodetic;
 use nova_solver::survey::{Advice, InvertedUwb, Survey};
 use serde::Serialize;
@@ -100,7 +99,7 @@ impl Report {
                     rejected: f.rejected,
                     off_track: anchor.off_track,
                     observable: f.observable(),
-                    verdict: verdict(&f.observability),
+                    verdict: f.observability.name(),
                     alternative_m: f.alternative.map(|other| other.position_m.into()),
                     weakest_direction: weakest.map_or([0.0; 3], |w| w.direction.into()),
                     weakest_sigma_m: weakest.map_or(0.0, |w| w.sigma_m),
@@ -212,14 +211,4 @@ fn along(direction: &Vector3<f64>) -> String {
         .to_degrees()
         .rem_euclid(180.0);
     format!("along bearing {bearing:.0} deg")
-}
-
-fn verdict(observability: &Observability) -> &'static str {
-    match observability {
-        Observability::Unique => "unique",
-        Observability::Mirror => "mirror",
-        Observability::Ring { .. } => "ring",
-        Observability::Sphere { .. } => "sphere",
-        Observability::Weak { .. } => "weak",
-    }
 }
