@@ -6,10 +6,11 @@
 //! images of the best one in the path flown so far are tried again.
 
 use super::elimination::{Factor, GLOBAL, JOINT, KNOT};
-use super::hypothesis::{Hypothesis, Prior};
+use super::hypothesis::Hypothesis;
 use super::mixture::Component;
 use super::noise::NoiseModel;
 use super::options::MapOptions;
+use super::prior::Prior;
 use super::record::{Growth, Record};
 use super::tuning::Tuner;
 use crate::measurement::RangeMeasurement;

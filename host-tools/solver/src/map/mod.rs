@@ -15,7 +15,8 @@
 //!                       Planner ──── the shape that is expected to tell most (`forecast`)
 //! ```
 //!
-//! Read [`MapNavigator`] first, then `hypothesis.rs` for the equations, `hypotheses.rs` for where
+//! Read [`MapNavigator`] first, then `hypothesis.rs` for the equations (`chain.rs` and
+//! `refinement.rs` for how they are solved), `hypotheses.rs` for where
 //! explanations come from, `mixture.rs` for the last metres, `guidance.rs` for the flight.
 //!
 //! # Known limit
@@ -25,6 +26,7 @@
 //! `docs/nova.md` has the figures.
 
 mod bend;
+mod chain;
 mod elimination;
 mod forecast;
 mod guidance;
@@ -37,7 +39,10 @@ mod navigator;
 mod noise;
 mod options;
 mod planner;
+mod prior;
+mod range_sums;
 mod record;
+mod refinement;
 mod roughness;
 mod transition;
 mod tuning;
