@@ -23,4 +23,7 @@ pub enum FlightError {
         /// The words there are.
         known: String,
     },
+    /// A part refuses its options.
+    #[error(transparent)]
+    Solver(#[from] nova_solver::SolveError),
 }

@@ -7,7 +7,7 @@
 //! Beneath are the [`Scene`], the closed loop and the parts it is made of: [`Vehicle`],
 //! [`Autopilot`], [`Wind`], [`Imu`], [`Barometer`], [`UwbLink`]. [`SCurve`] and [`Positioning`] are
 //! for flights whose path is given. [`vertiport`] is an experiment of its own: anchors surveyed from the
-//! air, and GNSS, UWB and inertial sensor fused.
+//! air, and GNSS, UWB and inertial sensor fused. [`tracking`] is another: a vehicle that follows a moving target.
 
 mod autopilot;
 mod barometer;
@@ -27,6 +27,7 @@ mod settings;
 mod slalom;
 mod statistics;
 mod streams;
+pub mod tracking;
 mod uwb;
 mod vehicle;
 pub mod vertiport;
