@@ -15,6 +15,7 @@ mod simulate;
 mod solve;
 mod status;
 mod survey;
+mod track;
 mod twr;
 
 use crate::error::BadInput;
@@ -38,6 +39,7 @@ enum Command {
     Fuse(fuse::Fuse),
     Guide(guide::Guide),
     Fly(fly::Fly),
+    Track(track::Track),
     Evaluate(evaluate::Evaluate),
     Merge(evaluate::Merge),
     Twr(twr::Twr),
@@ -72,6 +74,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Fuse(command) => command.run(),
         Command::Guide(command) => command.run(),
         Command::Fly(command) => command.run(),
+        Command::Track(command) => command.run(),
         Command::Evaluate(command) => command.run(),
         Command::Merge(command) => command.run(),
         Command::Twr(command) => command.run(),
