@@ -8,6 +8,7 @@
 //! | `board` | a board that takes commands |
 //! | `settings` | settings of a flight as given |
 //! | `source` | a board's bytes: serial port, TCP, file, standard input |
+//! | `mavlink` | an autopilot: messages, frames, clocks, links |
 //! | `table` | CSV files with messages that name file and line |
 //! | `page`, `chart` | self-contained HTML pages with pictures |
 //! | [`sim_node`] | the firmware's node on a simulated board |
@@ -22,6 +23,7 @@ mod error;
 mod evaluation;
 mod files;
 mod interrupt;
+mod mavlink;
 mod node_address;
 mod page;
 mod peer;

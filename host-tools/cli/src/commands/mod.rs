@@ -1,6 +1,7 @@
 //! The subcommands.
 
 mod airtime;
+mod bridge;
 mod calibrate;
 mod config;
 mod decode;
@@ -38,6 +39,7 @@ enum Command {
     Survey(survey::Survey),
     Fuse(fuse::Fuse),
     Guide(guide::Guide),
+    Bridge(bridge::Bridge),
     Fly(fly::Fly),
     Track(track::Track),
     Evaluate(evaluate::Evaluate),
@@ -73,6 +75,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Survey(command) => command.run(),
         Command::Fuse(command) => command.run(),
         Command::Guide(command) => command.run(),
+        Command::Bridge(command) => command.run(),
         Command::Fly(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Evaluate(command) => command.run(),

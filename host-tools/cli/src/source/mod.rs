@@ -206,7 +206,7 @@ impl Source {
 }
 
 /// Nothing came in time; or a signal came.
-fn is_silence(error: &io::Error) -> bool {
+pub(crate) fn is_silence(error: &io::Error) -> bool {
     matches!(
         error.kind(),
         ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
@@ -215,20 +215,24 @@ fn is_silence(error: &io::Error) -> bool {
 
 fn connect(place: &Place) -> Result<Link, String> {
     match place {
-        Place::Serial { name, baud } => serialport::new(name, *baud)
-            .timeout(PATIENCE)
-            .open()
-            .map(Link::Serial)
-            .map_err(|error| serial_trouble(&error)),
-        Place::Tcp(address) => dial(address)
-            .map(Link::Tcp)
-            .map_err(|error| tcp_trouble(&error)),
+        Place::Serial { name, baud } => open_serial(name, *baud).map(Link::Serial),
+        Place::Tcp(address) => open_tcp(address).map(Link::Tcp),
         Place::File(path) => match File::open(path) {
             Ok(file) => Ok(Link::OneWay(Box::new(file))),
             Err(error) => Err(format!("cannot be read: {error}")),
         },
         Place::StandardInput => Ok(Link::OneWay(Box::new(io::stdin()))),
     }
+}
+
+/// A serial port whose reads wait for [`PATIENCE`] at most; or why there is none, and what to do about it.
+pub(crate) fn open_serial(name: &str, baud: u32) -> Result<Box<dyn SerialPort>, String> {
+    (serialport::new(name, baud).timeout(PATIENCE).open()).map_err(|error| serial_trouble(&error))
+}
+
+/// A connection to `host:port` whose reads wait for [`PATIENCE`] at most; or why there is none.
+pub(crate) fn open_tcp(address: &str) -> Result<TcpStream, String> {
+    dial(address).map_err(|error| tcp_trouble(&error))
 }
 
 fn dial(address: &str) -> io::Result<TcpStream> {

@@ -6,7 +6,7 @@ use crate::peer::Peer;
 use nova_solver::navigation::{Action, InputFault, InsSample, Navigator, RangeSample};
 
 /// A navigator for one node, and what it has been given.
-pub(super) struct Guided {
+pub(crate) struct Guided {
     peer: Peer,
     /// From the first range on whose place is known.
     navigator: Option<Box<dyn Navigator>>,
@@ -18,7 +18,7 @@ pub(super) struct Guided {
 }
 
 impl Guided {
-    pub(super) fn new(peer: Peer) -> Self {
+    pub(crate) fn new(peer: Peer) -> Self {
         Self {
             peer,
             navigator: None,
@@ -30,7 +30,7 @@ impl Guided {
     }
 
     /// Hands a range and the vehicle's place to the navigator, which is made for the first.
-    pub(super) fn take(
+    pub(crate) fn take(
         &mut self,
         place: InsSample,
         heard: &Heard,
@@ -45,13 +45,18 @@ impl Guided {
         notice_arrival(navigator, place, arrival_radius_m);
     }
 
+    /// The navigator, from the first range on whose place is known.
+    pub(crate) fn navigator(&self) -> Option<&dyn Navigator> {
+        self.navigator.as_deref()
+    }
+
     /// Counts a range without a place.
-    pub(super) fn pass_over(&mut self) {
+    pub(crate) fn pass_over(&mut self) {
         self.unpaired += 1;
     }
 
     /// What is new since it was last asked.
-    pub(super) fn news(&mut self, t_s: f64) -> Option<News<'_>> {
+    pub(crate) fn news(&mut self, t_s: f64) -> Option<News<'_>> {
         let navigator = self.navigator.as_ref()?;
         let command = navigator.command();
         let state = (navigator.updates(), command.id, command.action);
@@ -68,7 +73,7 @@ impl Guided {
         })
     }
 
-    pub(super) fn summary(self) -> Summary {
+    pub(crate) fn summary(self) -> Summary {
         Summary {
             peer: self.peer,
             ranges: self.ranges,

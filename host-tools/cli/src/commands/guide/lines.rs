@@ -7,46 +7,46 @@ use serde::Serialize;
 
 /// News of one navigator.
 #[derive(Serialize)]
-pub(super) struct News<'a> {
-    pub(super) t_s: f64,
-    pub(super) peer: &'a Peer,
-    pub(super) phase: &'static str,
-    pub(super) estimate: Option<Believed>,
-    pub(super) command: Ordered,
+pub(crate) struct News<'a> {
+    pub(crate) t_s: f64,
+    pub(crate) peer: &'a Peer,
+    pub(crate) phase: &'static str,
+    pub(crate) estimate: Option<Believed>,
+    pub(crate) command: Ordered,
 }
 
 /// The last word on one node.
 #[derive(Serialize)]
-pub(super) struct Summary {
-    pub(super) peer: Peer,
+pub(crate) struct Summary {
+    pub(crate) peer: Peer,
     /// Ranges that the navigator took.
-    pub(super) ranges: u64,
+    pub(crate) ranges: u64,
     /// Ranges that it refused: not finite, or time went back.
-    pub(super) refused: u64,
+    pub(crate) refused: u64,
     /// Ranges that dead reckoning does not reach.
-    pub(super) unpaired: u64,
-    pub(super) estimate: Option<Believed>,
+    pub(crate) unpaired: u64,
+    pub(crate) estimate: Option<Believed>,
 }
 
 /// An [`Estimate`] in JSON.
 #[derive(Serialize)]
-pub(super) struct Believed {
-    pub(super) t_s: f64,
-    pub(super) tag_m: [f64; 3],
-    pub(super) vehicle_m: [f64; 3],
+pub(crate) struct Believed {
+    pub(crate) t_s: f64,
+    pub(crate) tag_m: [f64; 3],
+    pub(crate) vehicle_m: [f64; 3],
     /// Of the tag relative to the vehicle.
-    pub(super) covariance_m2: Option<[[f64; 3]; 3]>,
+    pub(crate) covariance_m2: Option<[[f64; 3]; 3]>,
     /// Of the tag relative to the vehicle.
-    pub(super) sigma_m: Option<[f64; 3]>,
-    pub(super) alternative_m: Option<[f64; 3]>,
-    pub(super) range_bias_m: Option<f64>,
-    pub(super) range_sigma_m: Option<f64>,
-    pub(super) doubts: Vec<&'static str>,
+    pub(crate) sigma_m: Option<[f64; 3]>,
+    pub(crate) alternative_m: Option<[f64; 3]>,
+    pub(crate) range_bias_m: Option<f64>,
+    pub(crate) range_sigma_m: Option<f64>,
+    pub(crate) doubts: Vec<&'static str>,
 }
 
 /// A [`Command`] in JSON.
 #[derive(Serialize)]
-pub(super) struct Ordered {
+pub(crate) struct Ordered {
     id: u32,
     action: &'static str,
     waypoint_m: [f64; 3],
@@ -100,7 +100,7 @@ impl From<&Command> for Ordered {
 }
 
 /// The name of a phase.
-pub(super) fn phase(phase: Phase) -> &'static str {
+pub(crate) fn phase(phase: Phase) -> &'static str {
     match phase {
         Phase::Initial => "initial",
         Phase::MidFlight => "mid_flight",

@@ -13,7 +13,7 @@ use std::sync::mpsc::Sender;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 /// What arrives.
-pub(super) enum Arrival {
+pub(crate) enum Arrival {
     /// A range.
     Range(Heard),
     /// A reading of dead reckoning.
@@ -26,13 +26,13 @@ pub(super) enum Arrival {
 
 /// The host's time: seconds since 1970, never going back while the program runs.
 #[derive(Clone, Copy)]
-pub(super) struct HostClock {
+pub(crate) struct HostClock {
     start: Instant,
     start_s: f64,
 }
 
 impl HostClock {
-    pub(super) fn start() -> Self {
+    pub(crate) fn start() -> Self {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
         Self {
             start: Instant::now(),
@@ -40,13 +40,14 @@ impl HostClock {
         }
     }
 
-    fn now_s(&self) -> f64 {
+    /// Seconds since 1970.
+    pub(crate) fn now_s(&self) -> f64 {
         self.start_s + self.start.elapsed().as_secs_f64()
     }
 }
 
 /// Reads a board's bytes until they end, or nobody listens.
-pub(super) fn hear_board(mut board: Source, clock: HostClock, to: &Sender<Arrival>) {
+pub(crate) fn hear_board<T: From<Arrival>>(mut board: Source, clock: HostClock, to: &Sender<T>) {
     let mut decoder = Decoder::new();
     let mut board_clock = BoardClock::default();
     let mut chunk = [0; 4096];
@@ -61,7 +62,7 @@ pub(super) fn hear_board(mut board: Source, clock: HostClock, to: &Sender<Arriva
         };
         let count = match news {
             Ok(count) => count,
-            Err(what) => match to.send(Arrival::Unusable(what)) {
+            Err(what) => match to.send(Arrival::Unusable(what).into()) {
                 Ok(()) => continue,
                 Err(_) => return,
             },
@@ -101,13 +102,13 @@ pub(super) fn hear_board(mut board: Source, clock: HostClock, to: &Sender<Arriva
                 Event::Record { .. } => continue,
                 Event::Trouble(trouble) => Arrival::Unusable(format!("board: {trouble:?}")),
             };
-            if to.send(arrival).is_err() {
+            if to.send(arrival.into()).is_err() {
                 return;
             }
         }
     };
     // Nobody listens any more: nobody to tell.
-    let _ = to.send(Arrival::BoardEnded(end));
+    let _ = to.send(Arrival::BoardEnded(end).into());
 }
 
 /// One datagram: dead reckoning as an autopilot sends it.
@@ -122,7 +123,7 @@ struct Datagram {
 }
 
 /// Reads datagrams until nobody listens.
-pub(super) fn hear_ins(socket: &UdpSocket, clock: HostClock, to: &Sender<Arrival>) {
+pub(crate) fn hear_ins(socket: &UdpSocket, clock: HostClock, to: &Sender<Arrival>) {
     let mut bytes = [0; 65_536];
     loop {
         let arrival = match socket.recv(&mut bytes) {

@@ -1,23 +1,23 @@
 //! `nova guide`: the navigator on measurements, live or from files.
 
-mod guided;
-mod lines;
-mod live;
-mod pairing;
+pub(crate) mod guided;
+pub(crate) mod lines;
+pub(crate) mod live;
+pub(crate) mod options;
+pub(crate) mod pairing;
 mod recording;
 mod team;
 
 use crate::error::bad_input;
 use crate::interrupt;
 use crate::peer::Peer;
-use crate::place::Triple;
 use crate::sim_node::BAUD;
 use crate::source::{self, RETRY, Source};
 use crate::table::ColumnNames;
 use anyhow::Result;
 use live::{Arrival, HostClock};
-use nova_solver::map::{MapNavigator, MapOptions};
-use nova_solver::navigation::{FirstGuess, InsSample, Navigator};
+use nova_solver::navigation::InsSample;
+use options::NavigatorOptions;
 use pairing::Heard;
 use recording::Reading;
 use std::net::UdpSocket;
@@ -68,29 +68,8 @@ pub(crate) struct Guide {
     /// Only this node.
     #[arg(long, value_name = "NODE")]
     peer: Option<String>,
-    /// Where the tag is said to be, ENU metres. Without it: anywhere as far away as the first range.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    first_guess: Option<Triple>,
-    /// How far --first-guess may be off along each axis, metres (one sigma).
-    #[arg(long, value_name = "M", requires = "first_guess")]
-    guess_sigma: Option<f64>,
-    /// Constant error of ranges to expect, metres.
-    #[arg(
-        long,
-        value_name = "M",
-        default_value_t = 0.0,
-        allow_negative_numbers = true
-    )]
-    range_bias: f64,
-    /// How far the constant error may be from that, metres (one sigma).
-    #[arg(long, value_name = "M", default_value_t = 0.15)]
-    range_bias_sigma: f64,
-    /// Speed of the vehicle, m/s.
-    #[arg(long, value_name = "M_PER_S", default_value_t = 1.0)]
-    speed: f64,
-    /// A waypoint this near has been reached, metres.
-    #[arg(long, value_name = "M", default_value_t = 0.2)]
-    arrival_radius: f64,
+    #[command(flatten)]
+    navigator: NavigatorOptions,
     /// Time, on the clock of the dead reckoning, at which the board of a capture was switched on,
     /// seconds.
     #[arg(
@@ -132,12 +111,15 @@ impl FromStr for InsSource {
 
 impl Guide {
     pub(crate) fn run(self) -> Result<()> {
-        self.check()?;
-        let navigator = |place: &InsSample, heard: &Heard| self.navigator(place, heard);
+        self.navigator.check()?;
+        if !self.board_start.is_finite() {
+            return Err(bad_input!("--board-start must be a finite number"));
+        }
+        let navigator = |place: &InsSample, heard: &Heard| self.navigator.navigator(place, heard);
         let mut team = Team::new(Orders {
             only: self.peer.as_deref().map(Peer::from),
             summary: self.summary,
-            arrival_radius_m: self.arrival_radius,
+            arrival_radius_m: self.navigator.arrival_radius,
             navigator: &navigator,
         });
         match (&self.ins, self.board.is_file()) {
@@ -168,28 +150,6 @@ impl Guide {
             )),
             _ => Ok(()),
         }
-    }
-
-    fn check(&self) -> Result<()> {
-        for (name, value) in [
-            ("--range-bias-sigma", Some(self.range_bias_sigma)),
-            ("--speed", Some(self.speed)),
-            ("--arrival-radius", Some(self.arrival_radius)),
-            ("--guess-sigma", self.guess_sigma),
-        ] {
-            if value.is_some_and(|v| !(v.is_finite() && v > 0.0)) {
-                return Err(bad_input!("{name} must be more than 0"));
-            }
-        }
-        for (name, value) in [
-            ("--range-bias", self.range_bias),
-            ("--board-start", self.board_start),
-        ] {
-            if !value.is_finite() {
-                return Err(bad_input!("{name} must be a finite number"));
-            }
-        }
-        Ok(())
     }
 
     /// Goes through files in order of time.
@@ -247,26 +207,5 @@ impl Guide {
             }
         }
         Ok(())
-    }
-
-    /// A navigator for a node first heard here.
-    fn navigator(&self, place: &InsSample, heard: &Heard) -> Box<dyn Navigator> {
-        let defaults = MapOptions::default();
-        let anywhere_m = heard.range.range_m.clamp(1.0, 200.0);
-        let (guess_m, sigma_m) = match self.first_guess {
-            Some(Triple(guess_m)) => (guess_m, self.guess_sigma),
-            None => (place.position_m, Some(anywhere_m)),
-        };
-        let options = MapOptions {
-            // An anchor on a wall may be above the flight; then a first guess tells it from its image.
-            tag_below_flight: self.first_guess.is_none(),
-            speed_m_s: self.speed,
-            bias_prior_m: self.range_bias,
-            bias_sigma_m: self.range_bias_sigma,
-            guess_sigma_horizontal_m: sigma_m.unwrap_or(defaults.guess_sigma_horizontal_m),
-            guess_sigma_vertical_m: sigma_m.unwrap_or(defaults.guess_sigma_vertical_m),
-            ..defaults
-        };
-        Box::new(MapNavigator::new(FirstGuess { tag_m: guess_m }, options))
     }
 }

@@ -6,14 +6,14 @@ use std::collections::VecDeque;
 
 /// A range to one node.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Heard {
-    pub(super) peer: Peer,
-    pub(super) range: RangeSample,
+pub(crate) struct Heard {
+    pub(crate) peer: Peer,
+    pub(crate) range: RangeSample,
 }
 
 /// What became of a range.
 #[derive(Debug, PartialEq)]
-pub(super) enum Outcome {
+pub(crate) enum Outcome {
     /// The vehicle was here when the range was taken.
     Paired(InsSample, Heard),
     /// Dead reckoning does not reach it.
@@ -30,7 +30,7 @@ const MEMORY_S: f64 = 10.0;
 /// Holds ranges back until dead reckoning has passed them, so that the vehicle's place can be
 /// interpolated: two streams, each in its order, may arrive in any mixture.
 #[derive(Default)]
-pub(super) struct Pairing {
+pub(crate) struct Pairing {
     readings: VecDeque<InsSample>,
     waiting: VecDeque<Heard>,
     newest_range_s: Option<f64>,
@@ -38,7 +38,7 @@ pub(super) struct Pairing {
 
 impl Pairing {
     /// Takes a reading; its time must be after that of the last one.
-    pub(super) fn ins(&mut self, sample: InsSample) {
+    pub(crate) fn ins(&mut self, sample: InsSample) {
         let forget = |old: &InsSample| old.t_s < sample.t_s - MEMORY_S;
         while self.readings.front().is_some_and(forget) {
             self.readings.pop_front();
@@ -47,12 +47,12 @@ impl Pairing {
     }
 
     /// Time of the last reading.
-    pub(super) fn last_ins_s(&self) -> Option<f64> {
+    pub(crate) fn last_ins_s(&self) -> Option<f64> {
         self.readings.back().map(|reading| reading.t_s)
     }
 
     /// Takes a range.
-    pub(super) fn range(&mut self, heard: Heard) {
+    pub(crate) fn range(&mut self, heard: Heard) {
         let t_s = heard.range.t_s;
         let place = self.waiting.partition_point(|w| w.range.t_s <= t_s);
         self.waiting.insert(place, heard);
@@ -60,7 +60,7 @@ impl Pairing {
     }
 
     /// The next range whose fate is known.
-    pub(super) fn next(&mut self) -> Option<Outcome> {
+    pub(crate) fn next(&mut self) -> Option<Outcome> {
         let t_s = self.waiting.front()?.range.t_s;
         let reached = self.last_ins_s().is_some_and(|last_s| t_s <= last_s);
         let given_up = (self.newest_range_s).is_some_and(|newest_s| newest_s - t_s > LONGEST_GAP_S);
@@ -76,7 +76,7 @@ impl Pairing {
     }
 
     /// Ranges that wait in vain: there will be no more readings.
-    pub(super) fn rest(&mut self) -> impl Iterator<Item = Heard> {
+    pub(crate) fn rest(&mut self) -> impl Iterator<Item = Heard> {
         self.waiting.drain(..)
     }
 

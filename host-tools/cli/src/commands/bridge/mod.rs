@@ -1,0 +1,372 @@
+//! `nova bridge`: a board's ranges to an autopilot, as MAVLink.
+
+mod core;
+mod counts;
+mod pace;
+#[cfg(test)]
+mod tests;
+
+use crate::commands::guide::lines::Summary;
+use crate::commands::guide::live::{Arrival, HostClock, hear_board};
+use crate::commands::guide::options::NavigatorOptions;
+use crate::error::bad_input;
+use crate::interrupt;
+use crate::mavlink::link::LinkNews;
+use crate::mavlink::outbound::TargetFrame;
+use crate::mavlink::stream::{FrameCounts, Incoming, Outgoing};
+use crate::mavlink::vehicle::{Identity, VehicleCounts};
+use crate::mavlink::{Link, MavPlace};
+use crate::peer::Peer;
+use crate::sim_node::BAUD;
+use crate::source::{self, RETRY, Source};
+use anyhow::Result;
+use core::{Orders, Outlet};
+use counts::{Latency, Quantiles, Sent};
+use mavlink::dialects::common::MavMessage;
+use serde::Serialize;
+use std::io::{StdoutLock, Write};
+use std::path::PathBuf;
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+/// Tells an autopilot (PX4, ArduPilot) over MAVLink 2 what a board measures and where to land.
+///
+/// Out: each range as DISTANCE_SENSOR (of the orientation "custom", so that none is taken for the height above ground); the node's place
+/// as LANDING_TARGET with position_valid, once the MAP navigator is sure of it to --max-sigma; HEARTBEAT and TIMESYNC once a second; with
+/// --fly the navigator's waypoints as SET_POSITION_TARGET_LOCAL_NED. In: LOCAL_POSITION_NED is the vehicle's track, ATTITUDE turns
+/// the landing place into its frame; both are asked for with MAV_CMD_SET_MESSAGE_INTERVAL. docs/mavlink.md has frames, units and set-up.
+///
+/// The vehicle's mode is never changed: to land on the node switch to the autopilot's precision landing, to fly by --fly to its offboard
+/// or guided mode.
+///
+/// A capture as --board is played at the pace at which it was recorded. Ctrl-C ends with a summary.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  nova bridge --board /dev/ttyACM0 --mavlink udpin:0.0.0.0:14540                PX4 (SITL or a companion computer)
+  nova bridge --board /dev/ttyACM0 --mavlink serial:/dev/ttyAMA0:921600         ArduPilot on a telemetry port
+  nova bridge --board tcp://127.0.0.1:7000 --mavlink tcp:127.0.0.1:5760 --json  both ends simulated
+  nova bridge --board anchor.bin --mavlink udp:127.0.0.1:14550 --peer 7         a capture, to a ground station")]
+pub(crate) struct Bridge {
+    /// Where the ranges come from: a serial port, tcp://HOST:PORT, a capture, or `-`.
+    #[arg(long, value_name = "PORT|tcp://HOST:PORT|FILE|-")]
+    board: PathBuf,
+    /// The way to the autopilot.
+    #[arg(
+        long,
+        value_name = "udp:HOST:PORT|udpin:ADDR:PORT|tcp:HOST:PORT|serial:PORT[:BAUD]"
+    )]
+    mavlink: MavPlace,
+    /// Only this node. Without it all are told as DISTANCE_SENSOR, and the first heard is the landing place.
+    #[arg(long, value_name = "NODE")]
+    peer: Option<String>,
+    /// The frame of LANDING_TARGET. Without it what the autopilot takes: PX4 local-ned, ArduPilot body-frd.
+    #[arg(long, value_enum)]
+    frame: Option<TargetFrame>,
+    /// No landing place is told while its horizontal sigma is more than this, metres.
+    #[arg(long, value_name = "M", default_value_t = 1.0)]
+    max_sigma: f64,
+    /// Send the navigator's waypoints as position targets.
+    #[arg(long)]
+    fly: bool,
+    /// How often the autopilot is asked to tell its place and attitude, Hz; 0 to ask for nothing.
+    #[arg(long, value_name = "HZ", default_value_t = 30.0)]
+    rate: f32,
+    /// Our MAVLink system; the autopilot's own as soon as it is heard.
+    #[arg(long, default_value_t = 1)]
+    system: u8,
+    /// Our MAVLink component; 191 is the first onboard computer.
+    #[arg(long, default_value_t = 191)]
+    component: u8,
+    #[command(flatten)]
+    navigator: NavigatorOptions,
+    /// Bits per second of the board's serial port.
+    #[arg(long, default_value_t = BAUD)]
+    baud: u32,
+    /// A JSON line for each estimate (as `nova guide` has them), and {"end": {...}} at the end.
+    #[arg(long)]
+    json: bool,
+    /// With --json: a line for each reading of the autopilot's sensors too, SI units.
+    #[arg(long, requires = "json")]
+    readings: bool,
+}
+
+/// What comes from either side.
+enum News {
+    Board(Arrival, Instant),
+    Autopilot(LinkNews),
+}
+
+impl From<Arrival> for News {
+    fn from(arrival: Arrival) -> Self {
+        Self::Board(arrival, Instant::now())
+    }
+}
+
+/// The last line.
+#[derive(Serialize)]
+struct End<'a> {
+    end: Ended<'a>,
+}
+
+#[derive(Serialize)]
+struct Ended<'a> {
+    autopilot: Option<Identity>,
+    /// How far its clock may be off from ours.
+    clock_doubt_s: Option<f64>,
+    received: FrameCounts,
+    vehicle: VehicleCounts,
+    sent: Sent,
+    /// From a range's bytes in this program to its DISTANCE_SENSOR out of it.
+    latency: Option<Quantiles>,
+    nodes: &'a [Summary],
+}
+
+/// Where messages and lines go.
+struct Out<'a> {
+    link: &'a Link,
+    frames: Outgoing,
+    lines: StdoutLock<'static>,
+    trouble: Option<anyhow::Error>,
+}
+
+impl Outlet for Out<'_> {
+    fn send(&mut self, message: &MavMessage) -> bool {
+        self.link.send(self.frames.pack(message))
+    }
+
+    fn line(&mut self, line: &dyn core::erased::Line) {
+        let written = (line.json().map_err(anyhow::Error::from))
+            .and_then(|json| Ok(writeln!(self.lines, "{json}")?))
+            .and_then(|()| Ok(self.lines.flush()?));
+        if let Err(error) = written {
+            self.trouble.get_or_insert(error);
+        }
+    }
+
+    fn tell(&mut self, text: &str) {
+        eprintln!("{text}");
+    }
+}
+
+impl Bridge {
+    pub(crate) fn run(self) -> Result<()> {
+        self.check()?;
+        let board = self.open_board()?;
+        interrupt::catch()?;
+        let clock = HostClock::start();
+        let (to_us, news) = mpsc::channel();
+        let from_autopilot = to_us.clone();
+        let deliver = move |news| from_autopilot.send(News::Autopilot(news)).is_ok();
+        let link = Link::open(&self.mavlink, deliver)?;
+        std::thread::spawn(move || hear_board(board, clock, &to_us));
+
+        let mut out = Out {
+            link: &link,
+            frames: Outgoing::of(self.system, self.component),
+            lines: std::io::stdout().lock(),
+            trouble: None,
+        };
+        let (json, place) = (self.json, self.mavlink.to_string());
+        let mut bridge = core::Bridge::new(self.orders(), clock.now_s());
+        let mut incoming = Incoming::new();
+        let mut latency = Latency::default();
+        let end = pump(
+            &news,
+            clock,
+            &mut bridge,
+            &mut incoming,
+            &mut out,
+            &mut latency,
+            &place,
+        );
+        if let Some(trouble) = out.trouble.take() {
+            return Err(trouble);
+        }
+        let (sent, vehicle, nodes) = bridge.conclude();
+        let ended = Ended {
+            autopilot: vehicle.identity(),
+            clock_doubt_s: vehicle.clock_doubt_s(),
+            received: incoming.counts(),
+            vehicle: vehicle.counts(),
+            sent,
+            latency: latency.quantiles(),
+            nodes: &nodes,
+        };
+        if json {
+            serde_json::to_writer(&mut out.lines, &End { end: ended })?;
+            writeln!(out.lines)?;
+        } else {
+            summarise(&mut out.lines, &ended)?;
+        }
+        out.lines.flush()?;
+        end
+    }
+
+    fn check(&self) -> Result<()> {
+        self.navigator.check()?;
+        if !(self.max_sigma.is_finite() && self.max_sigma > 0.0) {
+            return Err(bad_input!("--max-sigma must be more than 0"));
+        }
+        if !(0.0..=200.0).contains(&self.rate) {
+            return Err(bad_input!("--rate must be between 0 and 200 Hz"));
+        }
+        if self.system == 0 || self.component == 0 {
+            return Err(bad_input!(
+                "--system and --component must be more than 0, which stands for all"
+            ));
+        }
+        Ok(())
+    }
+
+    fn open_board(&self) -> Result<Source> {
+        let place = source::Place::named(&self.board.to_string_lossy(), self.baud)?;
+        match &place {
+            source::Place::File(path) => {
+                let bytes = std::fs::read(path)
+                    .map_err(|error| bad_input!("{place}: cannot be read: {error}"))?;
+                Ok(Source::of(place, pace::Paced::new(bytes)))
+            }
+            _ => Ok(Source::open(place)?.retrying(RETRY)),
+        }
+    }
+
+    fn orders(self) -> Orders {
+        Orders {
+            only: self.peer.as_deref().map(Peer::from),
+            frame: self.frame,
+            most_sigma_m: self.max_sigma,
+            fly: self.fly,
+            rate_hz: self.rate,
+            lines: self.json,
+            readings: self.readings,
+            navigator: self.navigator,
+        }
+    }
+}
+
+/// Carries on until the board ends or Ctrl-C.
+fn pump(
+    news: &mpsc::Receiver<News>,
+    clock: HostClock,
+    bridge: &mut core::Bridge,
+    incoming: &mut Incoming,
+    out: &mut Out<'_>,
+    latency: &mut Latency,
+    place: &str,
+) -> Result<()> {
+    /// How often Ctrl-C is looked for.
+    const PATIENCE_S: f64 = 0.1;
+    while !interrupt::caught() && out.trouble.is_none() {
+        let due_s = bridge.tick(clock.now_s(), out);
+        let wait_s = (due_s - clock.now_s()).clamp(0.0, PATIENCE_S);
+        let news = match news.recv_timeout(Duration::from_secs_f64(wait_s)) {
+            Ok(news) => news,
+            Err(mpsc::RecvTimeoutError::Timeout) => continue,
+            Err(mpsc::RecvTimeoutError::Disconnected) => return Ok(()),
+        };
+        match news {
+            News::Board(Arrival::Range(heard), arrived) => {
+                bridge.range(heard, clock.now_s(), out, &mut || {
+                    latency.note(arrived.elapsed())
+                });
+            }
+            News::Board(Arrival::Ins(_), _) => {}
+            News::Board(Arrival::Unusable(why), _) => eprintln!("{why}"),
+            News::Board(Arrival::BoardEnded(end), _) => return end,
+            News::Autopilot(LinkNews::Lost(why)) => {
+                incoming.begin_anew();
+                eprintln!("{place}: lost, trying again: {why}");
+            }
+            News::Autopilot(LinkNews::Back) => eprintln!("{place}: reached again"),
+            News::Autopilot(LinkNews::Bytes(bytes)) => {
+                let now_s = clock.now_s();
+                incoming.bytes(&bytes, |header, message| {
+                    bridge.message(header, &message, now_s, out);
+                });
+            }
+            News::Autopilot(LinkNews::Datagram(bytes)) => {
+                let now_s = clock.now_s();
+                incoming.datagram(&bytes, |header, message| {
+                    bridge.message(header, &message, now_s, out);
+                });
+            }
+        }
+        if let Some(system) = bridge.system() {
+            out.frames.join(system);
+        }
+    }
+    Ok(())
+}
+
+fn summarise(out: &mut impl Write, ended: &Ended<'_>) -> Result<()> {
+    match ended.autopilot {
+        Some(id) => writeln!(
+            out,
+            "autopilot  system {}, component {}, {:?}",
+            id.system, id.component, id.kind
+        )?,
+        None => writeln!(
+            out,
+            "autopilot  none was heard: is it sending to this address?"
+        )?,
+    }
+    if let Some(doubt_s) = ended.clock_doubt_s {
+        writeln!(out, "its clock  known to {:.1} ms", doubt_s * 1e3)?;
+    }
+    let FrameCounts {
+        frames,
+        lost,
+        repeated,
+        unusable,
+    } = ended.received;
+    writeln!(
+        out,
+        "received   {frames} frames; {lost} lost, {repeated} repeated, {unusable} unusable"
+    )?;
+    let VehicleCounts {
+        places,
+        late,
+        restarts,
+        ..
+    } = ended.vehicle;
+    writeln!(
+        out,
+        "           {places} places; {late} too late, {restarts} restarts"
+    )?;
+    let sent = &ended.sent;
+    writeln!(
+        out,
+        "sent       {} DISTANCE_SENSOR; {} ranges refused",
+        sent.distance_sensor.sent, sent.ranges_refused
+    )?;
+    writeln!(
+        out,
+        "           {} LANDING_TARGET; {} withheld",
+        sent.landing_target.sent, sent.landing_target_withheld
+    )?;
+    if let Some(Quantiles {
+        p50_ms,
+        p99_ms,
+        max_ms,
+    }) = ended.latency
+    {
+        writeln!(
+            out,
+            "latency    {p50_ms:.3} ms half, {p99_ms:.3} ms 99 %, {max_ms:.3} ms at most"
+        )?;
+    }
+    for node in ended.nodes {
+        let place = node.estimate.as_ref().map_or_else(
+            || "nothing known".to_owned(),
+            |e| format!("{:.3} {:.3} {:.3} m", e.tag_m[0], e.tag_m[1], e.tag_m[2]),
+        );
+        writeln!(
+            out,
+            "node {:<6} {place}; {} ranges, {} unpaired",
+            node.peer.to_string(),
+            node.ranges,
+            node.unpaired
+        )?;
+    }
+    Ok(())
+}

@@ -1,0 +1,149 @@
+//! `nova bridge` between a board behind TCP and an autopilot behind UDP.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod common;
+
+use common::Nova;
+use nova_wire::{Encoder, MAX_FRAME_LEN, Range, Record};
+use std::io::Write;
+use std::net::{TcpListener, UdpSocket};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// MAVLink numbers of messages.
+const HEARTBEAT: u32 = 0;
+const DISTANCE_SENSOR: u32 = 132;
+
+/// A MAVLink 2 frame taken apart by hand: message, sender, payload.
+fn apart(frame: &[u8]) -> (u32, [u8; 2], &[u8]) {
+    assert_eq!(frame[0], 0xFD, "not MAVLink 2: {frame:?}");
+    let id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
+    (
+        id,
+        [frame[5], frame[6]],
+        &frame[10..10 + usize::from(frame[1])],
+    )
+}
+
+#[test]
+fn every_range_of_a_board_becomes_a_distance_and_the_end_is_told() {
+    let board = TcpListener::bind("127.0.0.1:0").unwrap();
+    let autopilot = UdpSocket::bind("127.0.0.1:0").unwrap();
+    autopilot
+        .set_read_timeout(Some(Duration::from_secs(30)))
+        .unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_nova"))
+        .args(["bridge", "--json", "--system", "9"])
+        .args(["--board", &format!("tcp://{}", board.local_addr().unwrap())])
+        .args([
+            "--mavlink",
+            &format!("udp:{}", autopilot.local_addr().unwrap()),
+        ])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let (mut line, _) = board.accept().unwrap();
+    let next = |wanted: u32| loop {
+        let mut bytes = [0; 300];
+        let count = autopilot.recv(&mut bytes).unwrap();
+        let (id, sender, payload) = apart(&bytes[..count]);
+        assert_eq!(sender, [9, 191]);
+        if id == wanted {
+            return payload.to_vec();
+        }
+    };
+    assert_eq!(next(HEARTBEAT)[4], 18, "an onboard controller");
+    let mut encoder = Encoder::new();
+    for k in 0..20u16 {
+        let range = Record::Range(Range {
+            t_us: 1_000_000 + 100_000 * u64::from(k),
+            peer: 7,
+            raw_m: 1.0 + f32::from(k),
+            ..Range::default()
+        });
+        let bytes = encoder
+            .encode(&range, &mut [0; MAX_FRAME_LEN])
+            .unwrap()
+            .to_vec();
+        line.write_all(&bytes).unwrap();
+        let payload = next(DISTANCE_SENSOR);
+        // Little-endian centimetres behind time, least and most.
+        assert_eq!(u16::from_le_bytes([payload[8], payload[9]]), 100 + 100 * k);
+        assert_eq!(
+            payload[12], 100,
+            "no direction that could be taken for a height"
+        );
+    }
+    // Ctrl-C, as a user would.
+    #[cfg(unix)]
+    {
+        let pid = rustix::process::Pid::from_child(&child);
+        rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+        let said = child.wait_with_output().unwrap();
+        let out = String::from_utf8(said.stdout).unwrap();
+        let end: serde_json::Value = serde_json::from_str(out.lines().last().unwrap()).unwrap();
+        println!("{end}");
+        let end = &end["end"];
+        assert!(said.status.success());
+        assert_eq!(end["sent"]["distance_sensor"]["sent"], 20);
+        assert_eq!(end["nodes"][0]["unpaired"], 20);
+        assert!(end["autopilot"].is_null());
+        assert!(end["latency"]["p99_ms"].as_f64().unwrap() > 0.0);
+    }
+}
+
+#[test]
+fn what_cannot_be_used_is_told_with_what_would_be() {
+    let nova = Nova::new();
+    nova.file("anchor.bin", b"x\0");
+    for (arguments, mention) in [
+        (&["--mavlink", "udp:127.0.0.1"][..], "HOST:PORT"),
+        (&["--mavlink", "http://127.0.0.1:1"], "is not known"),
+        (
+            &["--mavlink", "udp:127.0.0.1:9", "--max-sigma", "0"],
+            "--max-sigma must be",
+        ),
+        (
+            &["--mavlink", "udp:127.0.0.1:9", "--rate", "1000"],
+            "--rate must be",
+        ),
+        (
+            &["--mavlink", "udp:127.0.0.1:9", "--system", "0"],
+            "--system",
+        ),
+        (&["--mavlink", "udp:127.0.0.1:9", "--readings"], "--json"),
+    ] {
+        let said = nova.run(&[&["bridge", "--board", "anchor.bin"], arguments].concat());
+        assert_eq!(said.code, 2, "{arguments:?}: {}", said.err);
+        assert!(said.err.contains(mention), "{arguments:?}: {}", said.err);
+    }
+}
+
+#[test]
+fn a_capture_without_an_autopilot_ends_with_what_was_seen() {
+    let nova = Nova::new();
+    let mut encoder = Encoder::new();
+    let mut capture = Vec::new();
+    for k in 0..5u16 {
+        let range = Record::Range(Range {
+            t_us: 1_000_000 + 1_000 * u64::from(k),
+            peer: 7,
+            raw_m: 5.0,
+            ..Range::default()
+        });
+        capture.extend(
+            encoder
+                .encode(&range, &mut [0; MAX_FRAME_LEN])
+                .unwrap()
+                .to_vec(),
+        );
+    }
+    nova.file("anchor.bin", &capture);
+    let nobody = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let place = format!("udp:{}", nobody.local_addr().unwrap());
+    let said = nova.run(&["bridge", "--board", "anchor.bin", "--mavlink", &place]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    assert!(said.out.contains("none was heard"), "{}", said.out);
+    assert!(said.out.contains("5 DISTANCE_SENSOR"), "{}", said.out);
+}
