@@ -44,6 +44,14 @@ pub(crate) mod header {
     pub(crate) const READ_RX_BUFFER: u8 = 0x11;
     /// RX_TIME (7.2.23).
     pub(crate) const READ_RX_TIME: u8 = 0x15;
+    /// RX_FQUAL (7.2.20).
+    pub(crate) const READ_RX_FQUAL: u8 = 0x12;
+    /// FP_INDEX and FP_AMPL1, behind the stamp in RX_TIME (7.2.23).
+    pub(crate) const READ_RX_TIME_5: [u8; 2] = [0x40 | 0x15, 5];
+    /// LDE_PPINDX, register 0x2E:1000 (7.2.47.3).
+    pub(crate) const READ_LDE_PPINDX: [u8; 3] = [0x40 | 0x2E, 0x80, 0x20];
+    /// DRX_CAR_INT, register 0x27:28 (7.2.40.11).
+    pub(crate) const READ_DRX_CAR_INT: [u8; 2] = [0x40 | 0x27, 0x28];
     /// TX_TIME (7.2.25).
     pub(crate) const READ_TX_TIME: u8 = 0x17;
     /// ACK_RESP_T: W4R_TIM in its low 20 bits (7.2.28).

@@ -33,6 +33,7 @@ pub mod cost;
 mod diagnostics;
 mod judge;
 mod keeper;
+mod level;
 mod node;
 mod outbox;
 mod peers;

@@ -6,6 +6,7 @@ use crate::bus::RadioBus;
 use crate::config::{AntennaDelay, ConfigError, NodeConfig, Part};
 use crate::diagnostics::Reception;
 use crate::judge::Judge;
+use crate::level::Levels;
 use crate::peers::{Peers, Plan};
 use crate::radio::{EMPTY_RX_BUFFER, Radio, RadioError, RadioEvent};
 use core::fmt;
@@ -71,6 +72,7 @@ pub struct Node<B, R, D> {
     /// in each slot at the initiator; the final, the first, at the responder.
     receptions: [Reception; MAX_RESPONDERS],
     judge: Judge,
+    levels: Levels,
     counters: Counters,
     next_status_us: u64,
     next_check_us: u64,
@@ -221,6 +223,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 ..Counters::default()
             },
             judge: Judge::new(&config.phy, config.filter),
+            levels: Levels::default(),
             config,
             doing: Doing::Down { retry_us: 0 },
             timing,
@@ -249,6 +252,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         self.timing = config.timing(config.antenna_delay.or(AntennaDelay::UNCALIBRATED));
         self.playing = Playing::by(&config, self.timing);
         self.judge = Judge::new(&config.phy, config.filter);
+        self.levels = Levels::default();
         self.radio.set_up_as(config.phy, config.antenna_delay);
         self.config = config;
         self.doing = Doing::Down { retry_us: now_us };
@@ -413,12 +417,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let mut step = self.playing.on_event(event);
         let goes_on = matches!(step.command, Command::Send { .. } | Command::Listen { .. });
         // A frame that counts in the middle of a round, neither its end nor a stranger.
-        let counts = matches!(event, Event::Received { .. })
-            && goes_on
-            && !matches!(
-                step.outcome,
-                Some(Outcome::Ignored(_) | Outcome::Measured(_))
-            );
+        let counts = matches!(event, Event::Received { .. }) && goes_on && step.outcome.is_none();
         if let Event::Sent { at } = event {
             self.after_sending(at, now_us);
         }
@@ -427,11 +426,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             let next = self.carry_out(step.command, now_us)?;
             match step.outcome {
                 Some(Outcome::Measured(measurement)) => {
-                    let record = self.range_record(&measurement, now_us)?;
                     count(&mut self.counters.ranges);
                     (self.measured_us, self.fruitless) = (now_us, 0);
-                    emit(&Record::Range(record));
                     self.playing.measured(measurement.peer, now_us);
+                    let record = self.range_record(&measurement, now_us)?;
+                    emit(&Record::Range(record));
                 }
                 Some(Outcome::Failed { peer, why }) => {
                     count(self.failure_counter(&why));
@@ -453,9 +452,20 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 None => break,
             }
         }
-        if counts && let Some(reception) = self.receptions.get_mut(self.playing.slot()) {
+        if counts && self.playing.measures_by_this() {
             // Now that what comes next is on its way there is time.
-            *reception = self.radio.reception()?;
+            let mut reception = self.radio.reception()?;
+            let expected = self
+                .playing
+                .partner()
+                .is_some_and(|peer| (self.levels).expects(peer, reception.rx_power_dbm(), now_us));
+            if !expected {
+                // It was another level, or the bus has lost a bit.
+                self.radio.read_level_again(&mut reception)?;
+            }
+            if let Some(place) = self.receptions.get_mut(self.playing.slot()) {
+                *place = reception;
+            }
         }
         Ok(())
     }
@@ -799,7 +809,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let initiator = matches!(self.playing, Playing::Initiator(_));
         let quality = reception.quality(initiator);
         let phy = &self.config.phy;
-        let bias_m = phy.range_bias_m(phy.prf.true_level_dbm(quality.rx_power_dbm));
+        let level_dbm = self.levels.update(m.peer, quality.rx_power_dbm, now_us);
+        let bias_m = phy.range_bias_m(phy.prf.true_level_dbm(level_dbm));
         let mut range = Range {
             t_us: now_us.saturating_sub(u64::from(age_us)),
             peer: m.peer.0,
@@ -919,6 +930,24 @@ impl Playing {
         match self {
             Self::Initiator(polling) => polling.machine.slot(),
             Self::Responder(_) | Self::Listener => 0,
+        }
+    }
+
+    /// Whether a range rests on the time stamp of the frame just taken in.
+    fn measures_by_this(&self) -> bool {
+        match self {
+            Self::Initiator(_) => true,
+            Self::Responder(machine) => machine.is_reporting(),
+            Self::Listener => false,
+        }
+    }
+
+    /// From whom that frame was.
+    fn partner(&self) -> Option<Address> {
+        match self {
+            Self::Initiator(polling) => polling.machine.heard_last(),
+            Self::Responder(machine) => machine.partner(),
+            Self::Listener => None,
         }
     }
 

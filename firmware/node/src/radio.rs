@@ -40,6 +40,8 @@ pub(crate) struct Radio<B, R, D> {
     pub(crate) ldo_tuned: bool,
     /// A frame was taken out of the radio whose events it still shows.
     taken: bool,
+    /// RX_FINFO of the frame taken last.
+    taken_info: [u8; 4],
     /// Times that the bus was seen to lose bits.
     bus_errors: u32,
 }
@@ -126,9 +128,6 @@ const W4R_TIM_MAX: u32 = 0xF_FFFF;
 /// Length of the frame check sequence that the radio adds and checks.
 const FCS_LEN: u8 = 2;
 
-/// DRX_CAR_INT, register 0x27:28 (7.2.40.11), for reading.
-const READ_DRX_CAR_INT: [u8; 2] = [0x40 | 0x27, 0x28];
-
 impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     /// A radio that is not started yet.
     pub(crate) fn new(
@@ -151,6 +150,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
             crystal_trim: 0,
             ldo_tuned: false,
             taken: false,
+            taken_info: [0; 4],
             bus_errors: 0,
         }
     }
@@ -295,41 +295,64 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     }
 
     /// How well the last frame was received. Valid until the next one comes.
+    ///
+    /// Each register is read once: a bit that the bus loses shows as a level that the peer's others do not bear out
+    /// ([`Radio::read_level_again`]).
     pub(crate) fn reception(&mut self) -> Result<Reception, RadioError> {
-        // Ranges are corrected by the power that follows from these.
-        let [preamble_count, response_power, noise, f2, f3] = self.the_same_twice(|radio| {
-            let info = ll!(radio.ll().rx_finfo().read())?;
-            let quality = ll!(radio.ll().rx_fqual().read())?;
-            Ok([
-                info.rxpacc(),
-                quality.cir_pwr(),
-                quality.std_noise(),
-                quality.fp_ampl2(),
-                quality.fp_ampl3(),
-            ])
-        })?;
-        let time = ll!(self.ll().rx_time().read())?;
-        let peak = ll!(self.ll().lde_ppindx().read())?;
+        let [noise, f2, f3, response_power] = self.power_registers()?;
+        let [register, sub] = header::READ_RX_TIME_5;
+        let [_, _, a, b, c, d] = access::read(&mut self.bus, [register, sub, 0, 0, 0, 0])?;
+        let [x, y, z] = header::READ_LDE_PPINDX;
+        let [_, _, _, peak_low, peak_high] = access::read(&mut self.bus, [x, y, z, 0, 0])?;
         // DRX_CAR_INT, which `ll` takes for two bytes of its three (7.2.40.11),
         // and RXPACC_NOSAT behind it (7.2.40.12).
-        let [register, sub] = READ_DRX_CAR_INT;
-        let mut digital = [register, sub, 0, 0, 0, 0, 0, 0];
-        self.bus
-            .transfer_in_place(&mut digital)
-            .map_err(|_| RadioError::Bus)?;
-        let [_, _, low, mid, high, _, count_low, count_high] = digital;
+        let [register, sub] = header::READ_DRX_CAR_INT;
+        let digital = [register, sub, 0, 0, 0, 0, 0, 0];
+        let [_, _, low, mid, high, _, count_low, count_high] =
+            access::read(&mut self.bus, digital)?;
         Ok(Reception {
             profile: self.profile,
-            first_path_amplitudes: [time.fp_ampl1(), f2, f3],
+            first_path_amplitudes: [u16::from_le_bytes([c, d]), f2, f3],
             response_power,
-            preamble_count,
+            preamble_count: preamble_count(self.taken_info),
             preamble_count_unsaturated: u16::from_le_bytes([count_low, count_high]),
             noise,
-            first_path_index: time.fp_index(),
-            peak_index: peak.value(),
+            first_path_index: u16::from_le_bytes([a, b]),
+            peak_index: u16::from_le_bytes([peak_low, peak_high]),
             // Sign extension: the highest of the 21 bits goes to the top.
             carrier_integrator: i32::from_le_bytes([low, mid, high, 0]) << 11 >> 11,
         })
+    }
+
+    /// Puts in place of what a receive level follows from what two readings agree in.
+    pub(crate) fn read_level_again(&mut self, reception: &mut Reception) -> Result<(), RadioError> {
+        let (count, [noise, f2, f3, response_power]) = self.the_same_twice(|radio| {
+            Ok((
+                preamble_count(radio.frame_information()?),
+                radio.power_registers()?,
+            ))
+        })?;
+        let [f1, ..] = reception.first_path_amplitudes;
+        reception.preamble_count = count;
+        reception.noise = noise;
+        reception.first_path_amplitudes = [f1, f2, f3];
+        reception.response_power = response_power;
+        Ok(())
+    }
+
+    /// RX_FINFO.
+    fn frame_information(&mut self) -> Result<[u8; 4], RadioError> {
+        let [_, info @ ..] = access::read(&mut self.bus, [header::READ_RX_FINFO, 0, 0, 0, 0])?;
+        Ok(info)
+    }
+
+    /// RX_FQUAL: STD_NOISE, FP_AMPL2, FP_AMPL3, CIR_PWR.
+    fn power_registers(&mut self) -> Result<[u16; 4], RadioError> {
+        let [_, a, b, c, d, e, f, g, h] = access::read(
+            &mut self.bus,
+            [header::READ_RX_FQUAL, 0, 0, 0, 0, 0, 0, 0, 0],
+        )?;
+        Ok([[a, b], [c, d], [e, f], [g, h]].map(u16::from_le_bytes))
     }
 
     /// Whether the leading-edge search has given the frame a time stamp.
@@ -344,8 +367,8 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     }
 
     fn take_frame<'b>(&mut self, buffer: &'b mut RxBuffer) -> Result<RadioEvent<'b>, RadioError> {
-        let [_, low, high, _, _] =
-            access::read(&mut self.bus, [header::READ_RX_FINFO, 0, 0, 0, 0])?;
+        self.taken_info = self.frame_information()?;
+        let [low, high, _, _] = self.taken_info;
         // RXFLEN and RXFLE: ten bits.
         let len = u16::from_le_bytes([low, high & 0x03]);
         let len = usize::from(len.saturating_sub(FCS_LEN.into())).min(RX_BUFFER_LEN);
@@ -523,6 +546,11 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Radio<B, R, D> {
     pub(crate) fn ll(&mut self) -> ll::DW1000<Legacy<'_, B>, NoPin> {
         ll::DW1000::new(Legacy(&mut self.bus), NoPin)
     }
+}
+
+/// RXPACC, the highest twelve bits of RX_FINFO (7.2.18).
+fn preamble_count([_, _, low, high]: [u8; 4]) -> u16 {
+    u16::from_le_bytes([low, high]) >> 4
 }
 
 /// Microseconds in the radio's timers' unit of 512/499.2 MHz = 1.0256 us, rounded down.

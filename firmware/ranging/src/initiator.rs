@@ -154,6 +154,11 @@ impl Initiator {
         self.heard.last().map_or(0, |heard| heard.slot)
     }
 
+    /// Whose response was heard last in this round.
+    pub fn heard_last(&self) -> Option<Address> {
+        self.heard.last().map(|heard| heard.responder)
+    }
+
     /// Takes the next event from the radio.
     pub fn on_event(&mut self, event: Event<'_>) -> Step {
         match (self.state, event) {

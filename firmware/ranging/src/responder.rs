@@ -105,6 +105,21 @@ impl Responder {
         self.state == State::Listening
     }
 
+    /// Whether the final has come, and the report is on its way.
+    pub fn is_reporting(&self) -> bool {
+        matches!(self.state, State::SendingReport { .. })
+    }
+
+    /// The initiator of the round that runs.
+    pub fn partner(&self) -> Option<Address> {
+        match &self.state {
+            State::Listening => None,
+            State::SendingResponse { with, .. }
+            | State::AwaitingFinal { with, .. }
+            | State::SendingReport { with, .. } => Some(with.peer),
+        }
+    }
+
     /// Starts to listen for polls, with a radio whose clock may have started
     /// anew; a round that still runs is dropped.
     pub fn start(&mut self) -> Command {
@@ -311,12 +326,7 @@ impl Responder {
     }
 
     fn peer(&self) -> Address {
-        match &self.state {
-            State::Listening => Address::BROADCAST,
-            State::SendingResponse { with, .. }
-            | State::AwaitingFinal { with, .. }
-            | State::SendingReport { with, .. } => with.peer,
-        }
+        self.partner().unwrap_or(Address::BROADCAST)
     }
 
     fn send(
