@@ -11,7 +11,7 @@ const DROP_AFTER_US: u64 = 3_000_000;
 /// ... and in so many rounds, where there is less than one a second.
 const DROP_AFTER_FAILURES: u8 = 3;
 
-/// After so many rounds with known peers one has a slot open to nodes that are not known.
+/// Where nobody is missing or new, so many rounds pass from one with a slot open to nodes that are not known to the next.
 const SEARCH_AFTER: u8 = 15;
 
 /// Open slots while nobody is known.
@@ -29,6 +29,9 @@ pub(crate) struct Peers {
     search: bool,
     /// Rounds until the next with an open slot.
     until_search: u8,
+    /// Rounds from there to the next but one: where one was found there are often others, and who was dropped
+    /// may come back. One more after each search that finds nobody.
+    pause: u8,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -67,6 +70,7 @@ impl Peers {
             per_round: usize::from(per_round).clamp(1, MAX_RESPONDERS),
             next: 0,
             until_search: 0,
+            pause: 0,
         }
     }
 
@@ -87,7 +91,8 @@ impl Peers {
             if self.until_search > 0 {
                 self.until_search -= 1;
             } else if most > 1 {
-                self.until_search = SEARCH_AFTER;
+                self.pause = (self.pause + 1).min(SEARCH_AFTER);
+                self.until_search = self.pause;
                 open = 1;
             }
         }
@@ -120,6 +125,7 @@ impl Peers {
                     measured_us: now_us,
                     failures: 0,
                 });
+                self.search_soon();
             }
             None => {}
         }
@@ -138,7 +144,12 @@ impl Peers {
             && now_us.saturating_sub(known.measured_us) >= DROP_AFTER_US;
         if self.search && gone {
             self.known.remove(index);
+            self.search_soon();
         }
+    }
+
+    fn search_soon(&mut self) {
+        (self.until_search, self.pause) = (0, 0);
     }
 }
 
@@ -190,9 +201,38 @@ mod tests {
         let mut peers = Peers::new(&[], 4);
         assert!((0..40).all(|_| peers.next_round(8) == plan(&[], OPEN_AT_FIRST)));
         peers.answered(A, 0);
-        let plans: heapless::Vec<_, 128> = (0..128).map(|_| peers.next_round(8)).collect();
-        assert!(plans.iter().all(|plan| plan.named == [A]));
-        assert_eq!(plans.iter().filter(|plan| plan.open == 1).count(), 8);
+        assert!((0..128).all(|_| peers.next_round(8).named == [A]));
+    }
+
+    /// Which of the next rounds have an open slot.
+    fn searches(peers: &mut Peers, rounds: usize) -> heapless::Vec<usize, 256> {
+        (0..rounds)
+            .filter(|_| peers.next_round(8).open == 1)
+            .collect()
+    }
+
+    #[test]
+    fn searches_that_find_nobody_become_rare_and_one_that_does_is_followed_by_others() {
+        let mut peers = Peers::new(&[], 4);
+        let at_once = [0, 2, 5, 9, 14, 20];
+        peers.answered(A, 0);
+        assert_eq!(searches(&mut peers, 22), at_once);
+        let later = searches(&mut peers, 256);
+        assert!(
+            later
+                .windows(2)
+                .skip(10)
+                .all(|pair| pair[1] - pair[0] == 16)
+        );
+        peers.answered(B, 0);
+        assert_eq!(searches(&mut peers, 22), at_once);
+        // Known peers change nothing, one that is dropped does.
+        (0..40).for_each(|_| drop(peers.next_round(8)));
+        peers.answered(A, 0);
+        let rare = searches(&mut peers, 22);
+        assert!(rare.len() < 3, "{rare:?}");
+        (0..3).for_each(|_| peers.failed(B, 9_000_000));
+        assert_eq!(searches(&mut peers, 22), at_once);
     }
 
     #[test]
