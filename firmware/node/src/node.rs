@@ -429,6 +429,10 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                     count(&mut self.counters.ranges);
                     (self.measured_us, self.fruitless) = (now_us, 0);
                     self.playing.measured(measurement.peer, now_us);
+                    if self.playing.may_hurry() {
+                        // If a poll is due it does not wait for this record; its answer takes longer.
+                        self.start_round(now_us)?;
+                    }
                     let record = self.range_record(&measurement, now_us)?;
                     emit(&Record::Range(record));
                 }
@@ -949,6 +953,13 @@ impl Playing {
             Self::Responder(machine) => machine.partner(),
             Self::Listener => None,
         }
+    }
+
+    /// Whether the next poll can follow a report at once. Not where others than the one that has just reported are to
+    /// hear it: they still read the report.
+    fn may_hurry(&self) -> bool {
+        matches!(self, Self::Initiator(polling)
+            if polling.peers.is_one() && polling.repeat_until_us.is_none() && !polling.sleeps)
     }
 
     fn measured(&mut self, peer: Address, now_us: u64) {

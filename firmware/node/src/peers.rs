@@ -79,6 +79,11 @@ impl Peers {
         self.per_round.min(self.known.len()).max(1)
     }
 
+    /// Whether there is one peer and nobody else is looked for.
+    pub(crate) fn is_one(&self) -> bool {
+        self.known.len() == 1 && !self.search
+    }
+
     /// Whom to poll now, in at most `most` slots. With nobody known all are open.
     pub(crate) fn next_round(&mut self, most: usize) -> Plan {
         let most = most.max(1);
