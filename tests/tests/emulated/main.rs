@@ -88,6 +88,10 @@ const CLEAR_AIR_DB: f64 = 12.0;
 
 const TICK_M: f64 = 299_702_547.0 / 63_897_600_000.0;
 
+/// A range is there so soon after the start, and so late in the first second, by the board's clock.
+const FIRST_RANGE_US: u64 = 200_000;
+const LAST_RANGE_US: u64 = 950_000;
+
 /// Two crystals that are 20 ppm off one from the other read the antenna delays wrong by this much (docs/found-by-trying.md).
 const MODEL_ERROR_M: f64 = 0.005;
 
@@ -146,8 +150,18 @@ fn check_ranges(log: &BoardLog, distance_m: f64) -> Result<f64, Failed> {
         .map(|range| f64::from(range.raw_m) - distance_m)
         .collect();
     let n = errors.len() as f64;
-    if n < 90.0 {
-        return Err(format!("{n} ranges; {:?}", log.counters).into());
+    // It is chance in which slot a tag first answers, so the rate counts from there.
+    let (Some(first), Some(last)) = (log.ranges.first(), log.ranges.last()) else {
+        return Err(format!("no ranges; {:?}", log.counters).into());
+    };
+    let rate_hz = (n - 1.0) / ((last.t_us - first.t_us) as f64 * 1e-6);
+    if first.t_us > FIRST_RANGE_US || last.t_us < LAST_RANGE_US || rate_hz < 97.0 {
+        let (first_us, last_us) = (first.t_us, last.t_us);
+        return Err(format!(
+            "{n} ranges from {first_us} to {last_us} us; {:?}",
+            log.counters
+        )
+        .into());
     }
     let mean = errors.iter().sum::<f64>() / n;
     let sigma = (errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / n).sqrt();
