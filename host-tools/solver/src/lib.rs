@@ -33,6 +33,7 @@ pub mod baselines;
 pub mod bayes_opt;
 pub mod bound;
 pub mod calibration;
+pub mod delivery;
 pub mod dop;
 pub mod fusion;
 pub mod geodesy;
