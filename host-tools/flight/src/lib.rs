@@ -12,6 +12,7 @@
 mod autopilot;
 mod barometer;
 mod closed_loop;
+pub mod delivery;
 mod error;
 mod flight;
 mod imu;

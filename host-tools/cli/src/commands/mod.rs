@@ -5,6 +5,7 @@ mod bridge;
 mod calibrate;
 mod config;
 mod decode;
+mod deliver;
 mod demo;
 mod evaluate;
 mod filter;
@@ -42,6 +43,7 @@ enum Command {
     Bridge(bridge::Bridge),
     Fly(fly::Fly),
     Track(track::Track),
+    Deliver(deliver::Deliver),
     Evaluate(evaluate::Evaluate),
     Merge(evaluate::Merge),
     Twr(twr::Twr),
@@ -78,6 +80,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Bridge(command) => command.run(),
         Command::Fly(command) => command.run(),
         Command::Track(command) => command.run(),
+        Command::Deliver(command) => command.run(),
         Command::Evaluate(command) => command.run(),
         Command::Merge(command) => command.run(),
         Command::Twr(command) => command.run(),

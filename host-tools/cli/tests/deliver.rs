@@ -1,0 +1,90 @@
+//! `nova deliver`.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod common;
+
+use common::Nova;
+
+/// A short way, so that a test is one too.
+const SHORT: &str = "height_m = 12.0\nradius_m = 2.0\ndistance_m = 20.0\n";
+
+#[test]
+fn a_package_is_delivered_onto_the_platform_and_the_vehicle_returns() {
+    let nova = Nova::new();
+    nova.file("short.toml", SHORT);
+    let said = nova.run(&[
+        "deliver",
+        "--scenario",
+        "short.toml",
+        "--json",
+        "--out",
+        "page.html",
+    ]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let line = &said.json()[0];
+    let result = &line["result"];
+    println!("{result}");
+    assert_eq!(result["on_platform"], true);
+    assert_eq!(result["delivered"], true);
+    assert_eq!(result["finished"], true);
+    assert_eq!(line["row"]["trials"], 1);
+    let page = std::fs::read_to_string(nova.folder.path().join("page.html")).unwrap();
+    assert_eq!(page.matches("<svg").count(), 4);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_delivery() {
+    let nova = Nova::new();
+    nova.file("short.toml", SHORT);
+    let fly = |seed: &str| {
+        nova.run(&[
+            "deliver",
+            "--scenario",
+            "short.toml",
+            "--json",
+            "--seed",
+            seed,
+        ])
+        .out
+    };
+    assert_eq!(fly("7"), fly("7"));
+    assert_ne!(fly("7"), fly("8"));
+}
+
+#[test]
+fn without_anything_local_a_landing_is_broken_off_and_the_package_comes_back() {
+    let nova = Nova::new();
+    let blind = "large_marker = false\nsmall_marker = false\nuwb = false\n";
+    nova.file("blind.toml", format!("{SHORT}{blind}"));
+    let said = nova.run(&["deliver", "--scenario", "blind.toml"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    assert!(
+        said.out.contains("did not land at the goal"),
+        "{}",
+        said.out
+    );
+    assert!(
+        said.out.contains("too many landings were not sure"),
+        "{}",
+        said.out
+    );
+}
+
+#[test]
+fn a_scenario_that_cannot_be_flown_is_refused_with_the_reason() {
+    let nova = Nova::new();
+    for (scenario, mention) in [
+        ("radius_m = 60.0", "do not fit"),
+        ("height_m = nan", "the height"),
+        ("package_kg = -1.0", "package_kg is -1"),
+        ("wind = 3.0", "unknown field"),
+        ("filter = \"best\"", "error-state"),
+    ] {
+        nova.file("bad.toml", scenario);
+        let said = nova.run(&["deliver", "--scenario", "bad.toml"]);
+        assert_eq!(said.code, 2, "{scenario}: {}", said.err);
+        assert!(said.err.contains(mention), "{scenario}: {}", said.err);
+    }
+    assert_eq!(nova.run(&["deliver", "--scenario", "none.toml"]).code, 2);
+    assert_eq!(nova.run(&["deliver", "--trials", "0"]).code, 2);
+}

@@ -1,0 +1,302 @@
+//! One delivery.
+
+use super::craft::Craft;
+use super::scenario::{FilterKind, Scenario, ScenarioFault};
+use super::sensors::Sensors;
+use nalgebra::Vector3;
+use nova_solver::delivery::{
+    Delayed, ErrorStateFilter, ErrorStateOptions, EulerEkf, EulerEkfOptions, FieldOptions,
+    LandingFilter, Measurement, Mission, MissionOptions, Order, Pose, Situation, State, Trouble,
+    VectorField, Verdict,
+};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+
+/// Ticks a second.
+const TICK_S: f64 = 0.01;
+/// A delivery takes no longer, seconds.
+const LONGEST_S: f64 = 1200.0;
+/// How long the holder takes to open, seconds.
+const RELEASE_S: f64 = 2.0;
+/// Wanted velocities change no faster, m/s^2.
+const COMMAND_M_S2: f64 = 2.0;
+/// Half of the platform (1 x 1 m), metres.
+const PLATFORM_M: f64 = 0.5;
+
+/// What one delivery came to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DeliveryResult {
+    /// Where it first came down at the goal, from the platform's centre, metres; `None` where it did not.
+    pub touchdown_m: Option<[f64; 2]>,
+    /// How far that is, metres.
+    pub off_centre_m: Option<f64>,
+    /// Whether that is on the platform.
+    pub on_platform: bool,
+    /// Distance between estimate and truth then, horizontally, metres.
+    pub estimate_error_m: Option<f64>,
+    /// Largest distance to the path after take-off and before the platform is first measured, by the estimate, metres.
+    pub off_path_m: f64,
+    /// The package was released.
+    pub delivered: bool,
+    /// How the mission ended.
+    pub finished: bool,
+    /// What went wrong on the way: when, what.
+    pub troubles: Vec<String>,
+    /// When it ended, seconds.
+    pub end_s: f64,
+    /// Measurements that the filter set aside.
+    pub outliers: u64,
+}
+
+/// A moment of a flight, ten a second.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Sample {
+    /// Time, seconds.
+    pub t_s: f64,
+    /// Truth, metres.
+    pub true_m: [f64; 3],
+    /// Estimate, metres.
+    pub estimate_m: [f64; 3],
+    /// The Lyapunov function at the estimate, square metres.
+    pub lyapunov_m2: f64,
+    /// Estimated GPS bias, metres.
+    pub gps_bias_m: [f64; 3],
+}
+
+/// Flies one delivery; `watch` is shown ten moments a second.
+///
+/// # Errors
+/// [`ScenarioFault`] where it cannot be flown.
+pub fn deliver(
+    scenario: &Scenario,
+    seed: u64,
+    watch: impl FnMut(&Sample),
+) -> Result<DeliveryResult, ScenarioFault> {
+    let path = scenario.path()?;
+    let mut sensors = Sensors::new(scenario, seed);
+    let start = Craft::on_ground(path.start_m(), scenario.vehicle_kg + scenario.package_kg);
+    // The first word of GPS is where the filter begins.
+    let first = (sensors.measure(0, 0.0, TICK_S, &start.pose()).iter())
+        .find_map(|timed| match timed.measurement {
+            Measurement::Autopilot {
+                position_m,
+                attitude,
+            } => Some(Pose {
+                position_m,
+                attitude,
+            }),
+            _ => None,
+        })
+        .unwrap_or_else(|| start.pose());
+    let field = VectorField::new(
+        path,
+        FieldOptions {
+            convergence_per_m: scenario.convergence_per_m,
+            speeds_m_s: scenario.speeds_m_s,
+            ..FieldOptions::default()
+        },
+    );
+    let flight = Flight {
+        scenario,
+        field,
+        sensors,
+        craft: start,
+        seed,
+        watch,
+    };
+    Ok(match scenario.filter {
+        FilterKind::Paper => {
+            let options = EulerEkfOptions {
+                first_bias_sigma_m: 1.5 * scenario.gps_bias_m.max(0.1),
+                ..EulerEkfOptions::default()
+            };
+            flight.run(EulerEkf::new(&first, 0.1, options), false)
+        }
+        FilterKind::ErrorState => {
+            let options = ErrorStateOptions {
+                first_bias_sigma_m: 1.5 * scenario.gps_bias_m.max(0.1),
+                ..ErrorStateOptions::default()
+            };
+            flight.run(ErrorStateFilter::new(&first, options), true)
+        }
+    })
+}
+
+struct Flight<'a, W> {
+    scenario: &'a Scenario,
+    field: VectorField,
+    sensors: Sensors,
+    craft: Craft,
+    seed: u64,
+    watch: W,
+}
+
+impl<W: FnMut(&Sample)> Flight<'_, W> {
+    fn run<F: LandingFilter + Clone>(mut self, filter: F, times_are_known: bool) -> DeliveryResult {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_stream(10);
+        let mut filter = Delayed::new(filter, 0.0, 0.5);
+        let mut mission = Mission::new(self.mission_options());
+        let mut result = DeliveryResult {
+            touchdown_m: None,
+            off_centre_m: None,
+            on_platform: false,
+            estimate_error_m: None,
+            off_path_m: 0.0,
+            delivered: false,
+            finished: false,
+            troubles: Vec::new(),
+            end_s: 0.0,
+            outliers: 0,
+        };
+        let (mut gps_s, mut local_s) = (0.0, f64::NEG_INFINITY);
+        let mut commanded = Vector3::zeros();
+        let mut release_begin_s: Option<f64> = None;
+        for tick in 1..(LONGEST_S / TICK_S) as u32 {
+            let t_s = f64::from(tick) * TICK_S;
+            result.end_s = t_s;
+            // What is measured.
+            let truth = self.craft.pose();
+            for timed in self.sensors.measure(tick, t_s, TICK_S, &truth) {
+                let taken_s = if times_are_known { timed.taken_s } else { t_s };
+                match (
+                    filter.measurement(taken_s, timed.measurement),
+                    timed.measurement,
+                ) {
+                    (Verdict::Outlier, _) => result.outliers += 1,
+                    (Verdict::Used, Measurement::Autopilot { .. }) => gps_s = t_s,
+                    (Verdict::Used, _) => local_s = t_s,
+                    (Verdict::Unusable, _) => {}
+                }
+            }
+            let place_m = filter.filter().pose().position_m;
+            let path = self.field.path();
+            let released = release_begin_s.is_some_and(|begin_s| t_s - begin_s >= RELEASE_S);
+            let covariance = filter.filter().position_covariance_m2();
+            let horizontal = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+            let order = mission.step(&Situation {
+                t_s,
+                along_m: path.along_m(&place_m),
+                height_m: place_m.z,
+                sigma_m: horizontal.symmetric_eigenvalues().max().sqrt(),
+                off_path_m: path.distance_m(&place_m),
+                gps_age_s: t_s - gps_s,
+                local_age_s: t_s - local_s,
+                battery: 1.0 - self.scenario.battery_per_minute * t_s / 60.0,
+                on_ground: self.craft.is_on_ground(),
+                released,
+            });
+            if local_s == f64::NEG_INFINITY && t_s > 5.0 {
+                result.off_path_m = result.off_path_m.max(path.distance_m(&place_m));
+            }
+            // What is done.
+            let wanted = match order {
+                Order::FollowToGoal => self.field.velocity_m_s(&place_m, true),
+                Order::FollowToStart => self.field.velocity_m_s(&place_m, false),
+                Order::Climb => Vector3::new(0.0, 0.0, 1.0),
+                Order::Hold | Order::Release => Vector3::zeros(),
+                Order::Stop | Order::HandOver => break,
+            };
+            if order == Order::Release && release_begin_s.is_none() {
+                release_begin_s = Some(t_s);
+                self.note_touchdown(&place_m, &mut result);
+            }
+            if released && !result.delivered {
+                result.delivered = true;
+                self.craft.mass_kg = self.scenario.vehicle_kg;
+                if !self.scenario.return_trip {
+                    break;
+                }
+            }
+            let change: Vector3<f64> = wanted - commanded;
+            commanded += change.cap_magnitude(COMMAND_M_S2 * TICK_S);
+            // updateMass() of Algorithm 1.
+            let believed_kg = self.scenario.vehicle_kg
+                + if result.delivered {
+                    0.0
+                } else {
+                    self.scenario.package_kg
+                };
+            let on_the_ground = order == Order::Release;
+            if !on_the_ground {
+                let offset = self.sensors.velocity_offset_m_s();
+                let gust = self.scenario.gust_m_s2;
+                self.craft
+                    .step(commanded, offset, believed_kg, gust, TICK_S, &mut rng);
+            } else {
+                commanded = Vector3::zeros();
+                self.craft.velocity_m_s = Vector3::zeros();
+            }
+            let input = self.sensors.input(&truth, &self.craft.pose(), TICK_S);
+            filter.input(t_s, input);
+            if tick.is_multiple_of(10) {
+                let estimate = filter.filter().pose().position_m;
+                (self.watch)(&Sample {
+                    t_s,
+                    true_m: self.craft.position_m.into(),
+                    estimate_m: estimate.into(),
+                    lyapunov_m2: path.lyapunov_m2(&estimate),
+                    gps_bias_m: filter.filter().gps_bias_m().into(),
+                });
+            }
+        }
+        result.finished =
+            mission.state() == State::Finished || (result.delivered && !self.scenario.return_trip);
+        result.troubles = (mission.troubles().iter())
+            .map(|(t_s, what)| format!("{t_s:.1} s: {}", name(*what)))
+            .collect();
+        result
+    }
+
+    fn note_touchdown(&self, place_m: &Vector3<f64>, result: &mut DeliveryResult) {
+        let [x, y] = self.scenario.platform_off_m;
+        let truth = self.craft.position_m;
+        let off = [truth.x - x, truth.y - y];
+        result.touchdown_m = Some(off);
+        result.off_centre_m = Some(off[0].hypot(off[1]));
+        result.on_platform = off.iter().all(|off| off.abs() <= PLATFORM_M);
+        // The estimate counts from the platform once it has been measured, else from where it was said to be.
+        let error = |a: f64, b: f64| (place_m.x - a).hypot(place_m.y - b);
+        let from_platform = error(off[0], off[1]);
+        let heard = self.scenario.uwb || self.scenario.large_marker || self.scenario.small_marker;
+        result.estimate_error_m = Some(if heard {
+            from_platform
+        } else {
+            error(truth.x, truth.y)
+        });
+    }
+
+    fn mission_options(&self) -> MissionOptions {
+        let s = self.scenario;
+        let path = self.field.path();
+        MissionOptions {
+            length_m: path.along_m(&Vector3::zeros()),
+            retry_height_m: (s.height_m - s.radius_m).min(15.0),
+            decision_height_m: if s.land_by_gps {
+                f64::NEG_INFINITY
+            } else {
+                3.0
+            },
+            most_sigma_m: 0.3,
+            tries: 3,
+            lost_s: 1.0,
+            local_lost_s: 3.0,
+            longest_hold_s: 15.0,
+            low_battery: 0.35,
+            empty_battery: 0.1,
+            fence_m: 10.0,
+        }
+    }
+}
+
+fn name(trouble: Trouble) -> &'static str {
+    match trouble {
+        Trouble::NoPlace => "nothing tells the place",
+        Trouble::Unsure => "the place is not sure enough to land",
+        Trouble::TooManyTries => "too many landings were not sure",
+        Trouble::LowBattery => "the battery does not suffice for both ways",
+        Trouble::EmptyBattery => "the battery is empty",
+        Trouble::Fence => "outside the fence",
+    }
+}

@@ -1,0 +1,23 @@
+//! Simulated deliveries (Miranda et al. 2022): from take-off to touchdown, and back.
+//!
+//! ```text
+//!   Craft (truth) ──► Sensors ──► LandingFilter ──► Mission, VectorField ──► wanted velocity ──► Craft
+//! ```
+//!
+//! The filter, the mission and the field are those of [`nova_solver::delivery`] and see nothing but what the sensors say; feeling the
+//! ground is one of them. [`Scenario`] says what can be set, [`deliver`] flies once, [`deliver_many`] often.
+//!
+//! Modelled: velocities reached with a lag and limited acceleration, gusts, tilt by acceleration, a mass that is believed; GPS with a bias of
+//! its own each flight; velocities with an offset; a marker seen by a tilted camera within its view and its resolution, late;
+//! ranges to anchors with biases, solved by `nova_solver::positioning`. Not modelled: ground effect, lens errors beyond a mount
+//! that is turned a little, rotor dynamics.
+
+mod craft;
+mod flight;
+mod many;
+mod scenario;
+mod sensors;
+
+pub use flight::{DeliveryResult, Sample, deliver};
+pub use many::{DeliveryRow, deliver_many};
+pub use scenario::{FilterKind, Scenario, ScenarioFault};
