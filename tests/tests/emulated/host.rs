@@ -34,7 +34,7 @@ fn text(output: &Output) -> Result<String, Failed> {
 fn emulate() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_emulate"));
     let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/a-pair-at-rest.toml");
-    command.arg(scenario);
+    command.args(["--scenario", scenario]);
     command
 }
 

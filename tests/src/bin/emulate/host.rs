@@ -3,6 +3,7 @@
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 
+use anyhow::{Context as _, Result};
 use nova_tests::EmulatedNetwork;
 
 use crate::choose_board;
@@ -20,20 +21,20 @@ impl Host {
         place: &str,
         board: Option<&str>,
         network: &mut EmulatedNetwork,
-    ) -> Result<Self, String> {
+    ) -> Result<Self> {
         let address = place
             .strip_prefix("tcp://")
-            .ok_or(format!("{place}: only tcp://HOST:PORT"))?;
-        let at = |error: std::io::Error| format!("{place}: {error}");
-        let listener = TcpListener::bind(address).map_err(at)?;
+            .with_context(|| format!("{place}: only tcp://HOST:PORT"))?;
+        let at = || place.to_owned();
+        let listener = TcpListener::bind(address).with_context(at)?;
         let board = choose_board(board, network)?;
         eprintln!(
             "{board} at tcp://{}: waiting for a host",
-            listener.local_addr().map_err(at)?
+            listener.local_addr()?
         );
-        let (stream, _) = listener.accept().map_err(at)?;
-        listener.set_nonblocking(true).map_err(at)?;
-        stream.set_nonblocking(true).map_err(at)?;
+        let (stream, _) = listener.accept().with_context(at)?;
+        listener.set_nonblocking(true)?;
+        stream.set_nonblocking(true)?;
         Ok(Self {
             listener,
             stream: Some(stream),
@@ -43,14 +44,12 @@ impl Host {
     }
 
     /// Gives the host what the board has said, and the board what the host says. A host may go and another come.
-    pub(crate) fn serve(&mut self, network: &mut EmulatedNetwork) -> Result<(), String> {
+    pub(crate) fn serve(&mut self, network: &mut EmulatedNetwork) -> Result<()> {
         if let Ok((stream, _)) = self.listener.accept() {
-            stream
-                .set_nonblocking(true)
-                .map_err(|error| error.to_string())?;
+            stream.set_nonblocking(true)?;
             self.stream = Some(stream);
         }
-        let log = network.log(&self.board).ok_or("no log")?;
+        let log = network.log(&self.board).context("no log")?;
         let news = log.bytes.get(self.sent..).unwrap_or_default().to_vec();
         self.sent = log.bytes.len();
         let Some(stream) = &mut self.stream else {

@@ -3,6 +3,7 @@
 use nova_emulator::{BoardStats, CPU_HZ};
 use nova_tests::{BoardLog, EmulatedNetwork};
 use serde_json::{Value, json};
+use std::io::Write;
 
 /// What is printed at the end.
 pub(crate) struct Report {
@@ -25,66 +26,83 @@ fn us(cycles: u64, count: u64) -> f64 {
 }
 
 impl Report {
-    pub(crate) fn print(&self, network: &mut EmulatedNetwork, log_lines: bool) {
-        println!(
+    pub(crate) fn print(
+        &self,
+        network: &mut EmulatedNetwork,
+        log_lines: bool,
+        out: &mut impl Write,
+    ) -> std::io::Result<()> {
+        writeln!(
+            out,
             "{} s emulated in {:.2} s: {:.2} times as fast as real",
             self.emulated_s,
             self.wall_s,
             self.emulated_s / self.wall_s
-        );
+        )?;
         for name in names(network) {
             let (Some(stats), Some(log)) = (network.stats(&name), network.log(&name)) else {
                 continue;
             };
             let BoardStats { replies, .. } = stats;
             let asleep = 1.0 - stats.busy_cycles as f64 / stats.cycles.max(1) as f64;
-            println!("\n{name}");
-            println!(
+            writeln!(out, "\n{name}")?;
+            writeln!(
+                out,
                 "  ranges        {} ({:.1} a second)",
                 log.ranges.len(),
                 rate_hz(log)
-            );
-            println!("  instructions  {}", stats.instructions);
-            println!("  asleep        {:.1} %", 100.0 * asleep);
-            println!("  interrupts    {:?} (number: times)", stats.interrupts);
-            println!(
+            )?;
+            writeln!(out, "  instructions  {}", stats.instructions)?;
+            writeln!(out, "  asleep        {:.1} %", 100.0 * asleep)?;
+            writeln!(
+                out,
+                "  interrupts    {:?} (number: times)",
+                stats.interrupts
+            )?;
+            writeln!(
+                out,
                 "  SPI           {} bytes in {} transfers",
                 stats.spi_bytes, stats.transfers
-            );
-            println!(
+            )?;
+            writeln!(
+                out,
                 "  answers       {}: latency {:.1} us, SPI {:.1} us, processor {:.1} us, radio {:.1} us",
                 replies.count,
                 us(replies.latency, replies.count),
                 us(replies.spi, replies.count),
                 us(replies.processor, replies.count),
                 us(replies.radio, replies.count),
-            );
-            println!(
+            )?;
+            writeln!(
+                out,
                 "  resets        {:?}",
                 stats.resets.iter().map(|(_, why)| why).collect::<Vec<_>>()
-            );
-            println!("  counters      {:?}", log.counters);
+            )?;
+            writeln!(out, "  counters      {}", nonzero(log))?;
             if let Some(radio) = network.emulation().chip_stats(&name) {
-                println!(
+                writeln!(
+                    out,
                     "  frames        {} sent, {} received, {} late",
                     radio.frames_sent, radio.frames_good, radio.late_commands
-                );
+                )?;
             }
             if let Some(board) = network.emulation().board(&name) {
-                println!("  stands at     {:#010x}", board.program_counter());
+                writeln!(out, "  stands at     {:#010x}", board.program_counter())?;
             }
             if let Some(stack) = stack(network, &name) {
-                println!(
+                writeln!(
+                    out,
                     "  stack         {} of {} bytes",
                     stack.high_water, stack.size
-                );
+                )?;
             }
             let lines = network.lines(&name).unwrap_or_default();
-            println!("  log           {} lines", lines.len());
+            writeln!(out, "  log           {} lines", lines.len())?;
             for line in lines.iter().filter(|_| log_lines) {
-                println!("    {} {:5} {}", line.time, line.level, line.text);
+                writeln!(out, "    {} {:5} {}", line.time, line.level, line.text)?;
             }
         }
+        Ok(())
     }
 
     pub(crate) fn to_json(&self, network: &mut EmulatedNetwork) -> Value {
@@ -133,6 +151,21 @@ impl Report {
             boards.insert(name, board);
         }
         json!({ "emulated_s": self.emulated_s, "wall_s": self.wall_s, "boards": boards })
+    }
+}
+
+/// The counters that have counted anything.
+fn nonzero(log: &BoardLog) -> String {
+    let counters = serde_json::to_value(log.counters).unwrap_or_default();
+    let all = counters.as_object().into_iter().flatten();
+    let counted: Vec<String> = all
+        .filter(|(_, count)| count.as_u64() != Some(0))
+        .map(|(name, count)| format!("{name} {count}"))
+        .collect();
+    if counted.is_empty() {
+        "all zero, or not reported yet".to_owned()
+    } else {
+        counted.join(", ")
     }
 }
 
