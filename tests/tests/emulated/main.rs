@@ -5,6 +5,8 @@
 
 mod host;
 mod settings;
+mod stack;
+mod vendor;
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use nova_emulator::{BoardConfig, ResetReason};
@@ -30,7 +32,7 @@ fn main() -> ExitCode {
         None => None,
     };
     type Test = fn(&Firmware) -> Result<(), Failed>;
-    let tests: [(&str, Test); 9] = [
+    let tests: [(&str, Test); 10] = [
         (
             "both_binaries_boot_and_range_at_3_10_and_98_5_m_with_crystals_20_ppm_off",
             both_boot_and_range,
@@ -67,6 +69,10 @@ fn main() -> ExitCode {
             "a_board_runs_the_file_that_it_is_given",
             host::a_file_of_its_own,
         ),
+        (
+            "a_stack_that_grows_out_of_ram_ends_in_a_reset",
+            stack::overflow_resets,
+        ),
     ];
     let trials = tests.into_iter().map(|(name, test)| {
         let firmware = firmware.clone();
@@ -77,7 +83,13 @@ fn main() -> ExitCode {
         })
         .with_ignored_flag(missing)
     });
-    libtest_mimic::run(&arguments, trials.collect()).exit_code()
+    let vendors = Trial::test(
+        "the_vendors_compiled_examples_range_with_each_other",
+        vendor::a_pair_prints_its_distance,
+    )
+    .with_ignored_flag(std::env::var_os(vendor::VARIABLE).is_none());
+    let trials = trials.chain([vendors]).collect();
+    libtest_mimic::run(&arguments, trials).exit_code()
 }
 
 /// Standard deviation of receive time stamps where noise is wanted.
