@@ -8,6 +8,8 @@ mod joint;
 mod map;
 mod multilateration;
 mod problem;
+mod program;
+mod target;
 
 use std::error::Error;
 use std::time::{Duration, Instant};
@@ -65,13 +67,15 @@ impl Outcome {
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [kind, path] = arguments.as_slice() else {
-        return Err("usage: peers multilateration|nova|map FILE".into());
+        return Err("usage: peers multilateration|nova|map|target|program FILE".into());
     };
     let problem = Problem::read(path)?;
     let outcomes = match kind.as_str() {
         "multilateration" => multilateration::run(&problem)?,
         "nova" => joint::run(&problem)?,
         "map" => map::run(&problem)?,
+        "target" => target::run(&problem)?,
+        "program" => program::run(&problem)?,
         other => return Err(format!("unknown kind of problem: {other}").into()),
     };
     let lines: Vec<String> = outcomes.into_iter().map(Outcome::json).collect();

@@ -14,13 +14,12 @@ mod relative;
 use nalgebra::Vector3;
 
 pub use options::{Guard, StandoffOptions};
-pub use program::Decision;
+pub use program::{AccelerationBox, Decision, nearest_command};
 pub use relative::{VehicleState, chi_square_3, longest_sigma_m};
 
 use super::motion::Belief;
 use crate::error::SolveError;
 use barrier::Along;
-use program::Box3;
 use relative::Relative;
 
 /// A vehicle's controller that keeps its distance to a target.
@@ -138,9 +137,9 @@ fn reference(o: &StandoffOptions, seen: &Relative, margin_m: f64) -> Vector3<f64
 
 /// What the vehicle can do in this step (eq. 44, 45). One that is too fast already slows down as much
 /// as it can.
-fn limits(o: &StandoffOptions, vehicle: &VehicleState) -> Box3 {
+fn limits(o: &StandoffOptions, vehicle: &VehicleState) -> AccelerationBox {
     let reach = |edge: f64, v: f64| ((edge - v) / o.step_s).clamp(-o.acceleration, o.acceleration);
-    Box3 {
+    AccelerationBox {
         low: vehicle.velocity_m_s.map(|v| reach(-o.speed, v)),
         high: vehicle.velocity_m_s.map(|v| reach(o.speed, v)),
     }

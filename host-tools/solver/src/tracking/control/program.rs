@@ -20,11 +20,13 @@ use nalgebra::Vector3;
 
 use super::barrier::Along;
 
-/// Least and greatest acceleration along each axis.
+/// Least and greatest acceleration along each axis, m/s^2.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Box3 {
-    pub(super) low: Vector3<f64>,
-    pub(super) high: Vector3<f64>,
+pub struct AccelerationBox {
+    /// Least.
+    pub low: Vector3<f64>,
+    /// Greatest.
+    pub high: Vector3<f64>,
 }
 
 /// How a command came about.
@@ -44,7 +46,7 @@ pub enum Decision {
     SolverFailed,
 }
 
-impl Box3 {
+impl AccelerationBox {
     fn clamp(&self, u: &Vector3<f64>) -> Vector3<f64> {
         u.zip_zip_map(&self.low, &self.high, |u, low, high| u.min(high).max(low))
     }
@@ -69,7 +71,7 @@ pub(super) fn command(
     reference: &Vector3<f64>,
     sight: &Vector3<f64>,
     along: Along,
-    limits: &Box3,
+    limits: &AccelerationBox,
 ) -> (Vector3<f64>, Decision) {
     let clamped = limits.clamp(reference);
     let value = sight.dot(&clamped);
@@ -84,7 +86,7 @@ pub(super) fn command(
         return (away, Decision::FullBraking);
     }
     if along.least > along.most - slack {
-        let solution = solve(reference, sight, (along.most, along.most), limits);
+        let solution = nearest_command(reference, sight, (along.most, along.most), limits);
         return match (solution, along.most >= sight.dot(&towards) - slack) {
             (_, true) => (towards, Decision::FullChase),
             (Some(u), _) => (u, Decision::FarGivenUp),
@@ -94,18 +96,20 @@ pub(super) fn command(
     if along.least >= sight.dot(&towards) - slack {
         return (towards, Decision::FullChase);
     }
-    match solve(reference, sight, (along.least, along.most), limits) {
+    match nearest_command(reference, sight, (along.least, along.most), limits) {
         Some(u) => (u, Decision::Guarded),
         None => (away, Decision::SolverFailed),
     }
 }
 
-/// The quadratic program itself; along the line of sight an equation where both limits are one.
-pub(super) fn solve(
+/// The quadratic program itself: the acceleration nearest to `reference` in the box, with its part along
+/// `sight` (a unit vector) between `least` and `most`; an equation where both are one. `None` where
+/// clarabel finds none.
+pub fn nearest_command(
     reference: &Vector3<f64>,
     sight: &Vector3<f64>,
     (least, most): (f64, f64),
-    limits: &Box3,
+    limits: &AccelerationBox,
 ) -> Option<Vector3<f64>> {
     let n = sight;
     let objective = CscMatrix::identity(3);

@@ -16,7 +16,12 @@ fn belief(position_m: Vector3<f64>, velocity_m_s: Vector3<f64>, sigma_m: f64) ->
 
 /// The nearest point by brute force: for one multiplier of the line of sight the box is a clamp, and
 /// the value along it falls with the multiplier.
-fn nearest(reference: &Vector3<f64>, n: &Vector3<f64>, side: f64, limits: &Box3) -> Vector3<f64> {
+fn nearest(
+    reference: &Vector3<f64>,
+    n: &Vector3<f64>,
+    side: f64,
+    limits: &AccelerationBox,
+) -> Vector3<f64> {
     let at = |multiplier: f64| {
         (reference - n * multiplier)
             .zip_zip_map(&limits.low, &limits.high, |u, low, high| u.clamp(low, high))
@@ -138,7 +143,7 @@ proptest! {
     }
 }
 
-fn limits_clamped(u: &Vector3<f64>, limits: &Box3) -> Vector3<f64> {
+fn limits_clamped(u: &Vector3<f64>, limits: &AccelerationBox) -> Vector3<f64> {
     u.zip_zip_map(&limits.low, &limits.high, |u, low, high| u.clamp(low, high))
 }
 
