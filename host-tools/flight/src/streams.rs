@@ -18,6 +18,8 @@ pub(crate) enum Stream {
     Baro = 3,
     /// Ranges.
     Uwb = 4,
+    /// How the sensor is mounted.
+    Tilt = 5,
 }
 
 /// The generator of `stream` in the trial with this seed.

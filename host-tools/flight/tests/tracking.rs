@@ -58,6 +58,9 @@ fn the_covariance_aware_controllers_stay_within_bounds_that_the_others_leave() {
     // What the radius promises.
     for row in [aware, sampled] {
         assert!(row.inside_radius >= 0.95, "{}", row.inside_radius);
+        for (inside, promised) in row.inside_ellipsoids.iter().zip([0.5, 0.8, 0.95]) {
+            assert!(*inside > promised - 0.01, "{row:?}");
+        }
     }
 }
 
@@ -114,4 +117,49 @@ fn behind_a_corner_and_with_gaps_the_target_stays_known_to_less_than_half_a_metr
         assert_eq!(row.refused, 0, "{name}: {row:?}");
         assert!(row.rmse_m < 0.4, "{name}: {row:?}");
     }
+}
+
+#[test]
+fn models_that_take_turns_know_a_walker_better_and_stay_honest_where_sight_is_blocked() {
+    let both = |name: &str| {
+        let scene = scene(name);
+        let who = [Estimator::Robust, Estimator::Interacting];
+        rows(&scene, &who.map(|who| (who, Controller::Aware, 0.1)), 10)
+    };
+    let walk = both("fig-7.toml");
+    assert!(walk[1].rmse_m < 0.93 * walk[0].rmse_m, "{walk:?}");
+    let corridor = both("corridor.toml");
+    assert!(
+        corridor[0].nees > 5.0 && corridor[1].nees < 4.0,
+        "{corridor:?}"
+    );
+    assert!(corridor[1].distance_m[0] > 1.2, "{corridor:?}");
+    for row in [&walk[1], &corridor[1]] {
+        assert!(row.inside_radius >= 0.95, "{row:?}");
+    }
+}
+
+#[test]
+fn a_controller_that_knows_the_walls_does_not_cut_the_corner() {
+    let known = scene("corridor.toml");
+    let clearance = known.standoff.unwrap().wall_clearance_m.unwrap();
+    let conditions = [(Estimator::Interacting, Controller::Sampled, 0.1)];
+    let row = rows(&known, &conditions, 10).remove(0);
+    assert!(row.least_wall_m.unwrap() > clearance - 0.01, "{row:?}");
+    let mut unknown = known;
+    unknown.standoff.as_mut().unwrap().wall_clearance_m = None;
+    let row = rows(&unknown, &conditions, 10).remove(0);
+    assert!(row.least_wall_m.unwrap() < clearance, "{row:?}");
+}
+
+#[test]
+fn a_tilt_that_is_reckoned_with_leaves_the_radius_honest() {
+    let mut scene = scene("tilt.toml");
+    let conditions = [(Estimator::Robust, Controller::Aware, 0.1)];
+    let reckoned = rows(&scene, &conditions, 16).remove(0);
+    scene.tracker.tilt_sigma_deg = 0.0;
+    let ignored = rows(&scene, &conditions, 16).remove(0);
+    assert!(ignored.nees > 1.5 * reckoned.nees, "{ignored:?}");
+    assert!(reckoned.nees < 3.5, "{reckoned:?}");
+    assert!(reckoned.inside_radius >= 0.95, "{reckoned:?}");
 }

@@ -14,8 +14,8 @@ mod target;
 use criterion::{Criterion, criterion_group, criterion_main};
 use nova_solver::tracking::control::Decision;
 use nova_solver::tracking::{
-    GraphOptions, Guard, Sighting, StandoffController, StandoffOptions, TargetEkf, TargetGraph,
-    Tracker, VehicleState,
+    GraphOptions, Guard, InteractingOptions, InteractingTracker, Sighting, StandoffController,
+    StandoffOptions, TargetEkf, TargetGraph, Tracker, VehicleState,
 };
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -114,6 +114,10 @@ fn track(c: &mut Criterion) {
     });
     follow("graph, window of 64", &|| Box::new(graph(Some(64))));
     follow("graph, all kept", &|| Box::new(graph(None)));
+    follow("interacting models", &|| {
+        let options = InteractingOptions::default();
+        Box::new(InteractingTracker::new(prior(), options).unwrap())
+    });
     group.finish();
 }
 

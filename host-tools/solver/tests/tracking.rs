@@ -5,8 +5,8 @@ mod target;
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector3};
 use nova_solver::tracking::{
-    Belief, Graduation, GraphOptions, Kernels, Sighting, SightingFault, TargetEkf, TargetGraph,
-    Tracker,
+    Belief, Graduation, GraphOptions, InteractingOptions, InteractingTracker, Kernels, Sighting,
+    SightingFault, TargetEkf, TargetGraph, Tilted, Tracker,
 };
 use nova_solver::{Kernel, SolveError};
 use proptest::prelude::*;
@@ -360,6 +360,87 @@ fn a_target_overhead_is_followed_through_the_zenith() {
     assert!((graph.belief().position_m - Vector3::new(1.95, 0.0, 3.0)).norm() < 0.05);
 }
 
+fn interacting() -> InteractingTracker {
+    InteractingTracker::new(prior(), InteractingOptions::default()).unwrap()
+}
+
+#[test]
+fn with_one_motion_and_clear_sight_interacting_models_are_the_filter() {
+    let options = InteractingOptions {
+        steady_density: DENSITY,
+        steady_s: 1e12,
+        outliers: 1e-12,
+        blocked_every_s: 1e12,
+        ..InteractingOptions::default()
+    };
+    let mut models = InteractingTracker::new(prior(), options).unwrap();
+    let mut filter = TargetEkf::new(prior(), DENSITY).unwrap();
+    for sighting in sightings(300, 0.0, 8010) {
+        models.observe(&sighting).unwrap();
+        filter.observe(&sighting).unwrap();
+        let (a, b) = (models.belief(), filter.belief());
+        // They differ in where they are linearised, and that elevation is not across the sight.
+        assert!((a.position_m - b.position_m).norm() < 0.5 * b.pp.trace().sqrt());
+    }
+    let (a, b) = (models.belief(), filter.belief());
+    assert!((a.position_m - b.position_m).norm() < 0.1 * b.pp.trace().sqrt());
+    assert!((a.covariance() - b.covariance()).norm() < 0.05 * b.covariance().norm());
+}
+
+#[test]
+fn blocked_sight_is_noticed_while_it_lasts_and_not_otherwise() {
+    let mut models = interacting();
+    let log = sightings(300, 0.1, 8011);
+    for (i, sighting) in log.iter().enumerate() {
+        let mut sighting = *sighting;
+        let blocked = (100..130).contains(&i);
+        if blocked {
+            // Late ranges, and bearings from anywhere. (A reflection that stays is followed: nothing tells
+            // it from a target that moves.)
+            sighting.range.as_mut().unwrap().range_m += 0.7;
+            let bearing = sighting.bearing.as_mut().unwrap();
+            let (azimuth, elevation) = bearing.angles();
+            *bearing = nova_solver::tracking::Bearing::from_angles(
+                azimuth + 0.8 * (12.9 * i as f64).sin(),
+                elevation,
+                bearing.sigma_rad,
+            );
+        }
+        models.observe(&sighting).unwrap();
+        let after_a_moment = (105..130).contains(&i);
+        let long_after = !(95..140).contains(&i);
+        if after_a_moment {
+            assert!(models.blocked() > 0.5, "{} at {i}", models.blocked());
+        } else if long_after {
+            assert!(models.blocked() < 0.5, "{} at {i}", models.blocked());
+        }
+        let belief = models.belief();
+        let error = belief.position_m - truth_m(sighting.t_s);
+        let normal = error.dot(&(belief.pp.try_inverse().unwrap() * error));
+        assert!(normal < 30.0, "{normal} at {i}");
+    }
+}
+
+#[test]
+fn a_tilt_that_may_be_widens_the_belief_across_the_line_of_sight_alone() {
+    let log = sightings(50, 0.0, 8012);
+    let mut straight = interacting();
+    let mut tilted = Tilted::new(interacting(), 0.1).unwrap();
+    assert_eq!(tilted.belief(), straight.belief());
+    for sighting in &log {
+        straight.observe(sighting).unwrap();
+        tilted.observe(sighting).unwrap();
+    }
+    let (a, b) = (straight.belief(), tilted.belief());
+    let r = a.position_m - log[49].pose.position_m;
+    let n = r.normalize();
+    let wider = b.pp - a.pp;
+    assert!((wider * n).norm() < 1e-12);
+    assert!((wider.trace() - 2.0 * (0.1 * r.norm()).powi(2)).abs() < 1e-12);
+    assert_eq!((a.position_m, a.vv), (b.position_m, b.vv));
+    assert!(Tilted::new(interacting(), f64::NAN).is_err());
+}
+
 #[test]
 fn what_cannot_be_meant_is_refused_counted_and_leaves_no_trace() {
     let log = sightings(50, 0.0, 8009);
@@ -405,19 +486,25 @@ fn what_cannot_be_meant_is_refused_counted_and_leaves_no_trace() {
     let clean = followed(&log, GraphOptions::robust());
     let mut graph = TargetGraph::new(prior(), GraphOptions::robust()).unwrap();
     let mut filter = TargetEkf::new(prior(), 1.0).unwrap();
+    let mut models = interacting();
+    let mut untouched = interacting();
     for (i, sighting) in log.iter().enumerate() {
         if i == 20 {
             for (sighting, says) in &bad {
                 let fault: SightingFault = graph.observe(sighting).unwrap_err();
                 assert!(fault.to_string().contains(says), "{fault}");
                 assert!(filter.observe(sighting).is_err());
+                assert!(models.observe(sighting).is_err());
             }
         }
         graph.observe(sighting).unwrap();
         filter.observe(sighting).unwrap();
+        models.observe(sighting).unwrap();
+        untouched.observe(sighting).unwrap();
     }
     assert_eq!(graph.belief(), clean.belief());
-    for counts in [graph.counts(), filter.counts()] {
+    assert_eq!(models.belief(), untouched.belief());
+    for counts in [graph.counts(), filter.counts(), models.counts()] {
         assert_eq!((counts.used, counts.refused()), (50, bad.len() as u64));
         assert_eq!((counts.out_of_order, counts.after_gap), (2, 1));
     }
@@ -445,6 +532,18 @@ fn options_that_cannot_be_meant_are_refused_by_name() {
         "kernels"
     );
     assert_eq!(refused(|_| ()), "none");
+    let refused = |change: fn(&mut InteractingOptions)| {
+        let mut options = InteractingOptions::default();
+        change(&mut options);
+        match InteractingTracker::new(prior(), options) {
+            Err(SolveError::BadOption { name, .. }) => name,
+            _ => "none",
+        }
+    };
+    assert_eq!(refused(|o| o.turn_rad_s = 0.0), "turn_rad_s");
+    assert_eq!(refused(|o| o.late_m = f64::INFINITY), "late_m");
+    assert_eq!(refused(|o| o.outliers = 1.0), "outliers");
+    assert_eq!(refused(|_| ()), "none");
 }
 
 proptest! {
@@ -466,6 +565,7 @@ proptest! {
         };
         let mut graph = TargetGraph::new(prior(), options).unwrap();
         let mut filter = TargetEkf::new(prior(), 1.0).unwrap();
+        let mut models = interacting();
         let mut sighting = sightings(1, 0.0, 1)[0];
         for (dt_s, azimuth, elevation, range_m, moved, readings) in seen {
             sighting.t_s += dt_s;
@@ -479,10 +579,14 @@ proptest! {
             });
             graph.observe(&sighting).unwrap();
             filter.observe(&sighting).unwrap();
-            let belief = graph.belief();
-            prop_assert!(belief.is_sound());
-            let least = belief.covariance().symmetric_eigenvalues().min();
-            prop_assert!(least > -1e-9 * belief.covariance().norm(), "{least}");
+            models.observe(&sighting).unwrap();
+            for belief in [graph.belief(), models.belief()] {
+                prop_assert!(belief.is_sound());
+                let least = belief.covariance().symmetric_eigenvalues().min();
+                prop_assert!(least > -1e-9 * belief.covariance().norm(), "{least}");
+            }
+            prop_assert!((0.0..=1.0).contains(&models.blocked()));
+            prop_assert!((0.0..=1.0).contains(&models.manoeuvring()));
             prop_assert!(filter.belief().is_sound());
             prop_assert!(graph.cost().is_finite());
         }

@@ -2,14 +2,15 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 use nova_solver::kernel::Kernel;
-use nova_solver::tracking::control::{Decisions, chi_square_3, longest_sigma_m};
+use nova_solver::tracking::control::{Decisions, Wall, chi_square_3, longest_sigma_m};
 use nova_solver::tracking::{
-    Belief, Counts, Graduation, GraphOptions, Guard, Kernels, StandoffController, StandoffOptions,
-    TargetEkf, TargetGraph, Tracker, VehicleState,
+    Belief, Counts, Graduation, GraphOptions, Guard, InteractingOptions, InteractingTracker,
+    Kernels, StandoffController, StandoffOptions, TargetEkf, TargetGraph, Tilted, Tracker,
+    VehicleState,
 };
 use std::time::Instant;
 
-use super::scene::{Standoff, TrackingScene};
+use super::scene::{Standoff, TrackerSettings, TrackingScene};
 use super::sensor::{Seen, SimulatedSensor};
 use super::words::{Controller, Estimator};
 use crate::error::FlightError;
@@ -67,6 +68,8 @@ pub struct TrackingResult {
     pub outside_s: f64,
     /// How far outside at most.
     pub worst_outside_m: f64,
+    /// Least horizontal distance from the vehicle to a wall; infinite without walls.
+    pub least_wall_m: f64,
     /// What became of sightings.
     pub counts: Counts,
     /// How commands came about.
@@ -105,6 +108,7 @@ pub fn track(trial: &TrackingTrial<'_>) -> Result<TrackingResult, FlightError> {
         position_m: scene.vehicle.start_m.into(),
         velocity_m_s: scene.vehicle.velocity_m_s.into(),
     };
+    let walls = walls(scene);
     let Some(first) = path.first() else {
         return Ok(TrackingResult::empty());
     };
@@ -152,6 +156,9 @@ pub fn track(trial: &TrackingTrial<'_>) -> Result<TrackingResult, FlightError> {
             let at = vehicle.position_m + vehicle.velocity_m_s * s + command * (0.5 * s * s);
             let distance = (target.position_m - at).norm();
             result.look(distance, &standoff, step_s / LOOKS as f64);
+            for wall in &walls {
+                result.least_wall_m = result.least_wall_m.min(wall.away_m(&at).norm());
+            }
         }
         vehicle.position_m += vehicle.velocity_m_s * step_s + command * (0.5 * step_s * step_s);
         vehicle.velocity_m_s += command * step_s;
@@ -168,6 +175,7 @@ impl TrackingResult {
             distance_m: [f64::INFINITY, 0.0],
             outside_s: 0.0,
             worst_outside_m: 0.0,
+            least_wall_m: f64::INFINITY,
             counts: Counts::default(),
             decisions: Decisions::default(),
             step_ms: Vec::new(),
@@ -235,12 +243,32 @@ fn tracker(
         graduation: (estimator == Estimator::Graduated).then(Graduation::default),
         ..GraphOptions::robust()
     };
-    Ok(match estimator {
+    let tracker: Box<dyn Tracker> = match estimator {
         Estimator::Ekf => Box::new(TargetEkf::new(prior, settings.acceleration_density)?),
         Estimator::Plain | Estimator::Robust | Estimator::Graduated => {
             Box::new(TargetGraph::new(prior, options)?)
         }
-    })
+        Estimator::Interacting => Box::new(InteractingTracker::new(prior, interacting(settings))?),
+    };
+    if settings.tilt_sigma_deg > 0.0 {
+        let sigma_rad = settings.tilt_sigma_deg.to_radians();
+        return Ok(Box::new(Tilted::new(tracker, sigma_rad)?));
+    }
+    Ok(tracker)
+}
+
+/// Models are switched off by making their beginning a matter of ages.
+fn interacting(settings: &TrackerSettings) -> InteractingOptions {
+    const NEVER_S: f64 = 1e12;
+    let mut options = InteractingOptions::default();
+    if !settings.motions {
+        options.steady_s = NEVER_S;
+        options.steady_density = settings.acceleration_density;
+    }
+    if !settings.blocked {
+        options.blocked_every_s = NEVER_S;
+    }
+    options
 }
 
 fn controller(
@@ -271,5 +299,17 @@ fn controller(
         risk: standoff.risk,
         step_s: 1.0 / scene.rate_hz,
     };
-    Ok(Some(StandoffController::new(guard, options)?))
+    let controller = StandoffController::new(guard, options)?;
+    Ok(Some(match standoff.wall_clearance_m {
+        Some(clearance_m) => controller.between(walls(scene), clearance_m)?,
+        None => controller,
+    }))
+}
+
+fn walls(scene: &TrackingScene) -> Vec<Wall> {
+    let wall = |&[x1, y1, x2, y2]: &[f64; 4]| Wall {
+        from_m: [x1, y1],
+        to_m: [x2, y2],
+    };
+    scene.sensor.walls_m.iter().map(wall).collect()
 }

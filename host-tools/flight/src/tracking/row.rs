@@ -1,5 +1,6 @@
 //! Figures of many tracking flights.
 
+use nova_solver::tracking::control::chi_square_3;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -28,6 +29,9 @@ pub struct TrackingRow {
     pub inside_radius: f64,
     /// Mean confidence radius, and the largest.
     pub radius_m: [f64; 2],
+    /// Parts of sightings at which it was within the ellipsoids of 50, 80 and 95 %: as many, where the
+    /// covariance is honest.
+    pub inside_ellipsoids: [f64; 3],
     /// Mean of the squared error normalised by the covariance; 3 where that is honest.
     pub nees: f64,
     /// Least and greatest true distance of all flights.
@@ -40,9 +44,11 @@ pub struct TrackingRow {
     pub worst_outside_m: f64,
     /// Root mean square command, m/s^2.
     pub command_rms: f64,
+    /// Least distance to a wall of all flights; none where there are no walls.
+    pub least_wall_m: Option<f64>,
     /// Commands at which not all limits could be kept: the far bound given up for the near one, full
-    /// chase, full braking, failures of the solver.
-    pub infeasible: [u64; 4],
+    /// chase, full braking, the near bound given up for a wall, walls given up, failures of the solver.
+    pub infeasible: [u64; 6],
     /// Commands.
     pub commands: u64,
     /// Sightings that were refused.
@@ -132,6 +138,10 @@ impl TrackingRow {
                 moments().map(|m| m.radius_m).sum::<f64>() / count,
                 most(&mut moments().map(|m| m.radius_m)),
             ],
+            inside_ellipsoids: [0.5, 0.8, 0.95].map(|part| {
+                let quantile = chi_square_3(part);
+                moments().filter(|m| m.nees <= quantile).count() as f64 / count
+            }),
             nees: moments().map(|m| m.nees).sum::<f64>() / count,
             distance_m: [
                 results
@@ -144,10 +154,17 @@ impl TrackingRow {
             outside_s: results.iter().map(|r| r.outside_s).sum::<f64>() / flights,
             worst_outside_m: most(&mut results.iter().map(|r| r.worst_outside_m)),
             command_rms: (moments().map(|m| m.command.norm_squared()).sum::<f64>() / count).sqrt(),
+            least_wall_m: results
+                .iter()
+                .map(|r| r.least_wall_m)
+                .reduce(f64::min)
+                .filter(|least| least.is_finite()),
             infeasible: [
                 sum(|r| r.decisions.far_given_up),
                 sum(|r| r.decisions.full_chase),
                 sum(|r| r.decisions.full_braking),
+                sum(|r| r.decisions.cornered),
+                sum(|r| r.decisions.walls_given_up),
                 sum(|r| r.decisions.solver_failed),
             ],
             commands: results.iter().map(|r| r.moments.len() as u64).sum(),

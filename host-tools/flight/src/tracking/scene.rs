@@ -76,13 +76,15 @@ pub struct Sensor {
     pub outlier_probability: Vec<f64>,
     /// How far the attitude that is reported is off, each axis; trackers are told.
     pub attitude_sigma_deg: f64,
+    /// How far the sensor is mounted askew, each axis: the same over a whole flight.
+    pub tilt_sigma_deg: f64,
     /// Parts of sightings that lack their range, and their bearing.
     pub loss: [f64; 2],
     /// Times of worse readings, which the sensor knows and reports.
     pub degraded: Vec<Degraded>,
     /// Times of blocked sight, which it does not know.
     pub blocked: Vec<Interval>,
-    /// Walls that block sight, each from x, y to x, y.
+    /// Walls that block sight, and the way, each from x, y to x, y.
     pub walls_m: Vec<[f64; 4]>,
     /// What blocked sight does to readings.
     pub nlos: Nlos,
@@ -96,6 +98,7 @@ impl Default for Sensor {
             outlier_sigma_deg: 25.0,
             outlier_probability: vec![0.0],
             attitude_sigma_deg: 0.0,
+            tilt_sigma_deg: 0.0,
             loss: [0.0; 2],
             degraded: Vec::new(),
             blocked: Vec::new(),
@@ -171,6 +174,12 @@ pub struct TrackerSettings {
     pub range_kernel: Option<f64>,
     /// States in the window.
     pub window: usize,
+    /// Tilt of the sensor that is reckoned with.
+    pub tilt_sigma_deg: f64,
+    /// Whether `interacting` has models of motion; without, the target does what the density says.
+    pub motions: bool,
+    /// Whether `interacting` knows of blocked sight.
+    pub blocked: bool,
 }
 
 impl Default for TrackerSettings {
@@ -182,6 +191,9 @@ impl Default for TrackerSettings {
             bearing_kernel: nova_solver::kernel::CAUCHY_95,
             range_kernel: None,
             window: 64,
+            tilt_sigma_deg: 0.0,
+            motions: true,
+            blocked: true,
         }
     }
 }
@@ -208,6 +220,8 @@ pub struct Standoff {
     pub target_acceleration: f64,
     /// Risk that the confidence radius is too small.
     pub risk: f64,
+    /// How far the vehicle stays off the sensor's walls; without it the controller does not know them.
+    pub wall_clearance_m: Option<f64>,
 }
 
 impl Default for Standoff {
@@ -223,6 +237,7 @@ impl Default for Standoff {
             barrier_rate: o.barrier_rate,
             target_acceleration: o.target_acceleration,
             risk: o.risk,
+            wall_clearance_m: None,
         }
     }
 }
@@ -273,6 +288,7 @@ impl TrackingScene {
         positive("sensor.bearing_sigma_deg", s.bearing_sigma_deg)?;
         positive("sensor.outlier_sigma_deg", s.outlier_sigma_deg)?;
         least_0("sensor.attitude_sigma_deg", s.attitude_sigma_deg)?;
+        least_0("sensor.tilt_sigma_deg", s.tilt_sigma_deg)?;
         let conditions = s.outlier_probability.len();
         let some = (1..=100).contains(&conditions);
         check(
@@ -318,6 +334,7 @@ impl TrackingScene {
         if let Some(width) = t.range_kernel {
             positive("tracker.range_kernel", width)?;
         }
+        least_0("tracker.tilt_sigma_deg", t.tilt_sigma_deg)?;
         let window = (2..=100_000).contains(&t.window);
         check("tracker.window", t.window as f64, window, "2 to 100000")?;
         if let Some(o) = &self.standoff {
@@ -334,6 +351,9 @@ impl TrackingScene {
             least_0("standoff.target_acceleration", o.target_acceleration)?;
             let risk = o.risk > 0.0 && o.risk < 1.0;
             check("standoff.risk", o.risk, risk, "between 0 and 1")?;
+            if let Some(clearance) = o.wall_clearance_m {
+                least_0("standoff.wall_clearance_m", clearance)?;
+            }
             let start = (Vector3::from(self.vehicle.start_m) - self.target.start_m()).norm();
             let inside = start > o.least_m && start < o.most_m;
             check("the distance at the start", start, inside, wanted)?;

@@ -12,6 +12,7 @@ use crate::streams::{Stream, generator, normal};
 pub(super) struct SimulatedSensor<'a> {
     settings: &'a Sensor,
     outlier_probability: f64,
+    tilt: UnitQuaternion<f64>,
     rng: ChaCha8Rng,
 }
 
@@ -23,9 +24,12 @@ pub(super) struct Seen {
 
 impl<'a> SimulatedSensor<'a> {
     pub(super) fn new(settings: &'a Sensor, outlier_probability: f64, seed: u64) -> Self {
+        let mut rng = generator(seed, Stream::Tilt);
+        let tilt = Vector3::from_fn(|_, _| normal(&mut rng)) * settings.tilt_sigma_deg.to_radians();
         Self {
             settings,
             outlier_probability,
+            tilt: UnitQuaternion::from_scaled_axis(tilt),
             rng: generator(seed, Stream::Uwb),
         }
     }
@@ -61,7 +65,7 @@ impl<'a> SimulatedSensor<'a> {
 
         let attitude_sigma = s.attitude_sigma_deg.to_radians();
         let error = Vector3::new(noise[0], noise[1], noise[2]) * attitude_sigma;
-        let truly = UnitQuaternion::from_scaled_axis(error) * attitude;
+        let truly = UnitQuaternion::from_scaled_axis(error) * self.tilt * attitude;
 
         let offset = target_m - position_m;
         let outlier = chance[0] < self.outlier_probability;

@@ -18,6 +18,8 @@ pub enum Estimator {
     Robust,
     /// The same with kernels that begin wide at every sighting.
     Graduated,
+    /// Motions and sights that take turns.
+    Interacting,
 }
 
 /// Who keeps the distance.
@@ -36,7 +38,13 @@ pub enum Controller {
 
 impl Estimator {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Ekf, Self::Plain, Self::Robust, Self::Graduated];
+    pub const ALL: [Self; 5] = [
+        Self::Ekf,
+        Self::Plain,
+        Self::Robust,
+        Self::Graduated,
+        Self::Interacting,
+    ];
 
     fn word(self) -> &'static str {
         match self {
@@ -44,6 +52,7 @@ impl Estimator {
             Self::Plain => "plain",
             Self::Robust => "robust",
             Self::Graduated => "graduated",
+            Self::Interacting => "interacting",
         }
     }
 }

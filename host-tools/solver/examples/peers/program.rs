@@ -22,7 +22,7 @@ pub(crate) fn run(problem: &Problem) -> Result<Vec<Outcome>, Box<dyn Error>> {
                 high: vector(11),
             };
             let begin = Instant::now();
-            let found = nearest_command(&vector(0), &vector(3), (p[6], p[7]), &limits);
+            let found = nearest_command(&vector(0), &vector(3), (p[6], p[7]), &limits, &[]);
             times.push(begin.elapsed());
             answer.extend(found.ok_or("a program without solution")?.iter());
         }

@@ -4,6 +4,7 @@
 //! ```text
 //! Sighting (range, bearing, sensor's pose) --> Tracker --> Belief (position, velocity, covariance)
 //!                                              |- TargetGraph: robust or plain factor graph
+//!                                              |- InteractingTracker: motions and sights that take turns
 //!                                              `- TargetEkf: the baseline
 //! ```
 //!
@@ -14,10 +15,12 @@ pub mod control;
 pub mod ekf;
 pub mod factors;
 pub mod graph;
+pub mod interacting;
 pub mod motion;
 pub mod options;
 pub mod sighting;
 pub mod sphere;
+pub mod tilted;
 pub mod tracker;
 
 mod update;
@@ -26,7 +29,9 @@ pub use control::{Guard, StandoffController, StandoffOptions, VehicleState};
 pub use ekf::TargetEkf;
 pub use factors::Kernels;
 pub use graph::TargetGraph;
+pub use interacting::{InteractingOptions, InteractingTracker};
 pub use motion::Belief;
 pub use options::{Graduation, GraphOptions};
 pub use sighting::{Bearing, Range, SensorPose, Sighting, SightingFault};
+pub use tilted::Tilted;
 pub use tracker::{Counts, Tracker};

@@ -69,6 +69,32 @@ impl Belief {
         }
     }
 
+    /// What is believed after a motion that takes a velocity `v` to a change of place `place v` and to a new
+    /// velocity `velocity v`, with white acceleration over `dt_s`.
+    pub fn moved(
+        &self,
+        place: &Matrix3<f64>,
+        velocity: &Matrix3<f64>,
+        dt_s: f64,
+        acceleration_density: f64,
+    ) -> Self {
+        let q = acceleration_density;
+        let across = self.pv * place.transpose();
+        let diagonal = |value: f64| Matrix3::from_diagonal_element(value);
+        Self {
+            position_m: self.position_m + place * self.velocity_m_s,
+            velocity_m_s: velocity * self.velocity_m_s,
+            pp: self.pp
+                + across
+                + across.transpose()
+                + place * self.vv * place.transpose()
+                + diagonal(q * dt_s * dt_s * dt_s / 3.0),
+            pv: (self.pv + place * self.vv) * velocity.transpose()
+                + diagonal(0.5 * q * dt_s * dt_s),
+            vv: velocity * self.vv * velocity.transpose() + diagonal(q * dt_s),
+        }
+    }
+
     /// Whether all numbers are finite and no variance is negative.
     pub fn is_sound(&self) -> bool {
         let finite = |m: &Matrix3<f64>| m.iter().all(|c| c.is_finite());

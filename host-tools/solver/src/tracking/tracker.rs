@@ -18,6 +18,20 @@ pub trait Tracker {
     fn counts(&self) -> Counts;
 }
 
+impl<T: Tracker + ?Sized> Tracker for Box<T> {
+    fn observe(&mut self, sighting: &Sighting) -> Result<(), SightingFault> {
+        (**self).observe(sighting)
+    }
+
+    fn belief(&self) -> Belief {
+        (**self).belief()
+    }
+
+    fn counts(&self) -> Counts {
+        (**self).counts()
+    }
+}
+
 /// What became of sightings.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 ///
 /// A vehicle with an antenna array follows a target that carries a tag and keeps a distance to it, whose
 /// bounds it must not leave. Estimators: `ekf`, `plain` (a factor graph), `robust` (the paper's), `graduated`
-/// (kernels that begin wide). Controllers: `clf` (without barriers), `fixed` (barriers at the bounds),
+/// (kernels that begin wide), `interacting` (motions and blocked sight that take turns). Controllers: `clf` (without barriers), `fixed` (barriers at the bounds),
 /// `aware` (the paper's, tightened by the covariance), `sampled` (the same between samples too). All are
 /// compared unless one is named; where a scene has a controller, estimators fly with `robust` only unless
 /// one is named. docs/tracking.md says what they are.

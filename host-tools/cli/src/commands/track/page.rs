@@ -12,11 +12,12 @@ use std::path::Path;
 
 const BLACK: RGBColor = RGBColor(40, 40, 40);
 const GREY: RGBColor = RGBColor(190, 190, 190);
-const COLORS: [RGBColor; 4] = [
+const COLORS: [RGBColor; 5] = [
     RGBColor(200, 60, 30),
     RGBColor(220, 150, 20),
     RGBColor(20, 90, 180),
     RGBColor(40, 140, 70),
+    RGBColor(120, 50, 150),
 ];
 const WIDE: (u32, u32) = (900, 420);
 

@@ -69,6 +69,13 @@ pub(super) fn text(scene: &TrackingScene, rows: &[TrackingRow], page: Option<&Pa
             100.0 * (1.0 - standoff.risk)
         );
     }
+    if let Some(least) = rows
+        .iter()
+        .filter_map(|row| row.least_wall_m)
+        .reduce(f64::min)
+    {
+        let _ = writeln!(said, "nearest to a wall: {least:.2} m");
+    }
     if let Some(page) = page {
         let _ = writeln!(said, "page {}", page.display());
     }

@@ -10,12 +10,14 @@ mod barrier;
 mod options;
 mod program;
 mod relative;
+mod walls;
 
 use nalgebra::Vector3;
 
 pub use options::{Guard, StandoffOptions};
-pub use program::{AccelerationBox, Decision, nearest_command};
+pub use program::{AccelerationBox, Decision, HalfSpace, nearest_command};
 pub use relative::{VehicleState, chi_square_3, longest_sigma_m};
+pub use walls::Wall;
 
 use super::motion::Belief;
 use crate::error::SolveError;
@@ -28,6 +30,10 @@ pub struct StandoffController {
     options: StandoffOptions,
     guard: Guard,
     quantile: f64,
+    walls: Vec<Wall>,
+    clearance_m: f64,
+    /// Room for what walls leave, so that commands take nothing from the heap for it.
+    left: Vec<HalfSpace>,
     decisions: Decisions,
 }
 
@@ -44,6 +50,10 @@ pub struct Decisions {
     pub full_chase: u64,
     /// [`Decision::FullBraking`]
     pub full_braking: u64,
+    /// [`Decision::Cornered`]
+    pub cornered: u64,
+    /// [`Decision::WallsGivenUp`]
+    pub walls_given_up: u64,
     /// [`Decision::SolverFailed`]
     pub solver_failed: u64,
 }
@@ -56,6 +66,8 @@ impl Decisions {
             Decision::FarGivenUp => &mut self.far_given_up,
             Decision::FullChase => &mut self.full_chase,
             Decision::FullBraking => &mut self.full_braking,
+            Decision::Cornered => &mut self.cornered,
+            Decision::WallsGivenUp => &mut self.walls_given_up,
             Decision::SolverFailed => &mut self.solver_failed,
         };
         *count += 1;
@@ -63,7 +75,12 @@ impl Decisions {
 
     /// Commands at which not all limits could be kept.
     pub fn infeasible(&self) -> u64 {
-        self.far_given_up + self.full_chase + self.full_braking + self.solver_failed
+        self.far_given_up
+            + self.full_chase
+            + self.full_braking
+            + self.cornered
+            + self.walls_given_up
+            + self.solver_failed
     }
 }
 
@@ -89,8 +106,29 @@ impl StandoffController {
             options,
             guard,
             quantile: chi_square_3(1.0 - options.risk),
+            walls: Vec::new(),
+            clearance_m: 0.0,
+            left: Vec::new(),
             decisions: Decisions::default(),
         })
+    }
+
+    /// The same, keeping so far away from walls, metres.
+    ///
+    /// # Errors
+    /// [`SolveError::BadOption`] where a wall or the clearance cannot be meant.
+    pub fn between(mut self, walls: Vec<Wall>, clearance_m: f64) -> Result<Self, SolveError> {
+        let bad = |name, why| Err(SolveError::BadOption { name, why });
+        if !walls.iter().all(Wall::is_finite) {
+            return bad("walls", "not finite");
+        }
+        if !(clearance_m.is_finite() && clearance_m >= 0.0) {
+            return bad("clearance_m", "negative or not finite");
+        }
+        self.left.reserve(walls.len());
+        self.walls = walls;
+        self.clearance_m = clearance_m;
+        Ok(self)
     }
 
     /// The command for the step that begins now; the belief is of now.
@@ -110,7 +148,14 @@ impl StandoffController {
             Guard::Sampled => barrier::over_the_step(o, &seen, margin_m),
         };
         let limits = limits(o, vehicle);
-        let (acceleration, decision) = program::command(&reference, &seen.sight, along, &limits);
+        self.left.clear();
+        self.left.extend(
+            self.walls
+                .iter()
+                .filter_map(|wall| walls::limit(o, wall, self.clearance_m, vehicle, &limits)),
+        );
+        let (acceleration, decision) =
+            program::command_between_walls(&reference, &seen.sight, along, &limits, &self.left);
         self.decisions.note(decision);
         StandoffCommand {
             acceleration,

@@ -10,6 +10,10 @@
 //! | the near bound by anything in the box | full braking: away from the target as hard as the box allows |
 //! | near and far bound together | the near bound is kept, as much of the far one as it leaves |
 //! | the far bound by anything in the box | full chase: towards the target as hard as the box allows |
+//!
+//! Walls come after that: only where they forbid what was found, the program is solved with them too. Then
+//! clarabel says what has no solution, and in this order is given up: the far bound, the near one (as far away
+//! from the target as walls allow), the walls.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -29,6 +33,21 @@ pub struct AccelerationBox {
     pub high: Vector3<f64>,
 }
 
+/// Accelerations `u` with `normal'u <= most`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HalfSpace {
+    /// Unit vector.
+    pub normal: Vector3<f64>,
+    /// m/s^2.
+    pub most: f64,
+}
+
+impl HalfSpace {
+    fn holds(&self, u: &Vector3<f64>) -> bool {
+        self.normal.dot(u) <= self.most + 1e-9
+    }
+}
+
 /// How a command came about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Decision {
@@ -42,6 +61,10 @@ pub enum Decision {
     FullChase,
     /// The near bound could not be kept: as fast away from the target as possible.
     FullBraking,
+    /// Near bound and walls contradict each other: as fast away from the target as walls allow.
+    Cornered,
+    /// The walls cannot be kept by anything: what would be done without them.
+    WallsGivenUp,
     /// The quadratic program failed although it has a solution: as `FullBraking`.
     SolverFailed,
 }
@@ -53,7 +76,11 @@ impl AccelerationBox {
 
     /// The place in the box that is farthest along `direction`; where that does not matter, the
     /// nearest to the reference.
-    fn farthest(&self, direction: &Vector3<f64>, reference: &Vector3<f64>) -> Vector3<f64> {
+    pub(super) fn farthest(
+        &self,
+        direction: &Vector3<f64>,
+        reference: &Vector3<f64>,
+    ) -> Vector3<f64> {
         let mut place = self.clamp(reference);
         for axis in 0..3 {
             if direction[axis] > 1e-9 {
@@ -86,7 +113,7 @@ pub(super) fn command(
         return (away, Decision::FullBraking);
     }
     if along.least > along.most - slack {
-        let solution = nearest_command(reference, sight, (along.most, along.most), limits);
+        let solution = nearest_command(reference, sight, (along.most, along.most), limits, &[]);
         return match (solution, along.most >= sight.dot(&towards) - slack) {
             (_, true) => (towards, Decision::FullChase),
             (Some(u), _) => (u, Decision::FarGivenUp),
@@ -96,30 +123,64 @@ pub(super) fn command(
     if along.least >= sight.dot(&towards) - slack {
         return (towards, Decision::FullChase);
     }
-    match nearest_command(reference, sight, (along.least, along.most), limits) {
+    match nearest_command(reference, sight, (along.least, along.most), limits, &[]) {
         Some(u) => (u, Decision::Guarded),
         None => (away, Decision::SolverFailed),
     }
 }
 
+/// A command that keeps walls as well.
+pub(super) fn command_between_walls(
+    reference: &Vector3<f64>,
+    sight: &Vector3<f64>,
+    along: Along,
+    limits: &AccelerationBox,
+    walls: &[HalfSpace],
+) -> (Vector3<f64>, Decision) {
+    let (without, decision) = command(reference, sight, along, limits);
+    if walls.iter().all(|wall| wall.holds(&without)) {
+        return (without, decision);
+    }
+    let solve = |reference: &Vector3<f64>, least: f64, most: f64| {
+        nearest_command(reference, sight, (least, most), limits, walls)
+    };
+    let free = (f64::NEG_INFINITY, f64::INFINITY);
+    if along.least < along.most
+        && let Some(u) = solve(reference, along.least, along.most)
+    {
+        return (u, Decision::Guarded);
+    }
+    if let Some(u) = solve(reference, free.0, along.most) {
+        return (u, Decision::FarGivenUp);
+    }
+    let away = limits.farthest(&-sight, reference);
+    match solve(&away, free.0, free.1) {
+        Some(u) => (u, Decision::Cornered),
+        None => (without, Decision::WallsGivenUp),
+    }
+}
+
 /// The quadratic program itself: the acceleration nearest to `reference` in the box, with its part along
-/// `sight` (a unit vector) between `least` and `most`; an equation where both are one. `None` where
-/// clarabel finds none.
+/// `sight` (a unit vector) between `least` and `most` (an equation where both are one, nothing where
+/// infinite) and in all of the half-spaces. `None` where clarabel finds none.
 pub fn nearest_command(
     reference: &Vector3<f64>,
     sight: &Vector3<f64>,
     (least, most): (f64, f64),
     limits: &AccelerationBox,
+    walls: &[HalfSpace],
 ) -> Option<Vector3<f64>> {
     let n = sight;
     let objective = CscMatrix::identity(3);
     let linear = [-reference.x, -reference.y, -reference.z];
     let equal = least == most;
-    let mut rows = Vec::with_capacity(8);
-    let mut sides = Vec::with_capacity(8);
-    rows.push([n.x, n.y, n.z]);
-    sides.push(most);
-    if !equal {
+    let mut rows = Vec::with_capacity(8 + walls.len());
+    let mut sides = Vec::with_capacity(8 + walls.len());
+    if most.is_finite() {
+        rows.push([n.x, n.y, n.z]);
+        sides.push(most);
+    }
+    if !equal && least.is_finite() {
         rows.push([-n.x, -n.y, -n.z]);
         sides.push(-least);
     }
@@ -132,11 +193,15 @@ pub fn nearest_command(
         rows.push(unit);
         sides.push(-limits.low[axis]);
     }
-    let cones: &[SupportedConeT<f64>] = if equal {
-        &[ZeroConeT(1), NonnegativeConeT(6)]
-    } else {
-        &[NonnegativeConeT(8)]
-    };
+    for wall in walls {
+        rows.push([wall.normal.x, wall.normal.y, wall.normal.z]);
+        sides.push(wall.most);
+    }
+    let equations = usize::from(equal);
+    let cones: [SupportedConeT<f64>; 2] = [
+        ZeroConeT(equations),
+        NonnegativeConeT(rows.len() - equations),
+    ];
     let settings = DefaultSettings {
         verbose: false,
         presolve_enable: false,
@@ -148,7 +213,7 @@ pub fn nearest_command(
     };
     let rows = CscMatrix::from(rows.iter());
     let mut solver =
-        DefaultSolver::new(&objective, &linear, &rows, &sides, cones, settings).ok()?;
+        DefaultSolver::new(&objective, &linear, &rows, &sides, &cones, settings).ok()?;
     solver.solve();
     let solved = matches!(
         solver.solution.status,

@@ -128,6 +128,41 @@ proptest! {
         }
     }
 
+    /// Integrated in small steps from wherever, commands that keep the walls' barriers never come nearer
+    /// than the clearance.
+    #[test]
+    fn a_vehicle_between_walls_stays_off_them(
+        at in 0.4..1.6_f64, velocity in vector(1.0), target in vector(4.0), drift in vector(1.0),
+    ) {
+        // A corridor of 2 m with its end.
+        let walls = [([-50.0, 0.0], [3.0, 0.0]), ([-50.0, 2.0], [3.0, 2.0]), ([3.0, 0.0], [3.0, 2.0])]
+            .map(|(from_m, to_m)| Wall { from_m, to_m });
+        let o = StandoffOptions::default();
+        let mut controller = StandoffController::new(Guard::Sampled, o)
+            .unwrap()
+            .between(walls.to_vec(), 0.3)
+            .unwrap();
+        let mut vehicle = VehicleState {
+            position_m: Vector3::new(0.0, at, 1.0),
+            // Slow enough to stop: h' >= -w h at the start.
+            velocity_m_s: Vector3::new(velocity.x, velocity.y * 0.2, velocity.z),
+        };
+        for step in 0..100 {
+            let offset = target + drift * (f64::from(step) * o.step_s);
+            let seen = belief(offset, drift, 0.05);
+            let command = controller.command(&vehicle, &seen);
+            let given_up = controller.decisions().walls_given_up;
+            prop_assert_eq!(given_up, 0, "{:?}", vehicle);
+            let u = command.acceleration;
+            vehicle.position_m += vehicle.velocity_m_s * o.step_s + u * (0.5 * o.step_s * o.step_s);
+            vehicle.velocity_m_s += u * o.step_s;
+            for wall in &walls {
+                let off = wall.away_m(&vehicle.position_m).norm();
+                prop_assert!(off > 0.3 - 1e-3, "{off} at {step}");
+            }
+        }
+    }
+
     #[test]
     fn any_belief_gives_a_command_the_vehicle_can_do(
         at in vector(6.0), velocity in vector(9.0), moves in vector(5.0), sigma in 0.0..3.0_f64,
@@ -173,4 +208,32 @@ fn the_radius_is_of_the_longest_axis() {
     let squares = Matrix3::from_diagonal(&Vector3::new(0.01, 0.04, 0.0025));
     doubtful.pp = turn * squares * turn.inverse();
     assert!((longest_sigma_m(&doubtful) - 0.2).abs() < 1e-12);
+}
+
+#[test]
+fn with_its_back_to_a_wall_a_vehicle_gives_up_the_near_bound_before_the_wall() {
+    let o = StandoffOptions::default();
+    let wall = Wall {
+        from_m: [-0.35, -5.0],
+        to_m: [-0.35, 5.0],
+    };
+    let still = VehicleState {
+        position_m: Vector3::zeros(),
+        velocity_m_s: Vector3::zeros(),
+    };
+    let mut controller = StandoffController::new(Guard::Fixed, o)
+        .unwrap()
+        .between(vec![wall], 0.3)
+        .unwrap();
+    // It comes towards the vehicle at 1 m/s, inside the bound already.
+    let near = belief(Vector3::x() * 1.4, -Vector3::x(), 0.0);
+    let command = controller.command(&still, &near);
+    assert_eq!(command.decision, Decision::Cornered);
+    let most = o.barrier_rate * o.barrier_rate * 0.05;
+    assert!(-command.acceleration.x <= most + 1e-6 && -command.acceleration.x > 0.5 * most);
+    assert_eq!(controller.decisions().infeasible(), 1);
+    let bad = StandoffController::new(Guard::Fixed, o)
+        .unwrap()
+        .between(vec![wall], f64::NAN);
+    assert!(bad.is_err());
 }
