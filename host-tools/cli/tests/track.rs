@@ -76,6 +76,24 @@ fn the_page_has_table_and_pictures_and_needs_nothing_else() {
 }
 
 #[test]
+fn walls_are_drawn_and_how_near_the_vehicle_came_is_said() {
+    let scene = SCENE
+        .replace("[sensor]", "[sensor]\nwalls_m = [[-1.0, 1.0, 4.0, 1.0]]")
+        .replace("[standoff]", "[standoff]\nwall_clearance_m = 0.4");
+    let nova = nova(&scene);
+    let arguments = ["track", "--scenario", "scene.toml", "--out", "track.html"];
+    let said = nova.run(&arguments);
+    assert_eq!((said.code, said.err.as_str()), (0, ""));
+    assert!(said.out.contains("nearest to a wall: "), "{}", said.out);
+    let page = std::fs::read_to_string(nova.folder.path().join("track.html")).unwrap();
+    assert!(page.contains("walls"));
+    let told = track(&nova, &["--controller", "sampled"]);
+    for row in told["rows"].as_array().unwrap() {
+        assert!(row["least_wall_m"].as_f64().unwrap() > 0.39, "{row}");
+    }
+}
+
+#[test]
 fn the_text_has_a_line_a_condition() {
     let nova = nova(SCENE);
     let said = nova.run(&["track", "--scenario", "scene.toml", "--controller", "aware"]);
@@ -112,6 +130,14 @@ fn scenes_that_cannot_be_meant_are_refused_with_what_and_where() {
         (
             change("[0.0, 0.0, 1.0]", "[2.4, 0.0, 1.0]"),
             vec!["distance at the start", "0.1"],
+        ),
+        (
+            change("[standoff]", "[standoff]\nwall_clearance_m = -1.0"),
+            vec!["wall_clearance_m", "-1"],
+        ),
+        (
+            change("[standoff]", "[tracker]\ntilt_sigma_deg = -2.0"),
+            vec!["tilt_sigma_deg", "-2"],
         ),
         (change("title", "title ="), vec!["line 2"]),
     ] {

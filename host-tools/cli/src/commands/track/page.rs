@@ -11,6 +11,7 @@ use plotters::prelude::RGBColor;
 use std::path::Path;
 
 const BLACK: RGBColor = RGBColor(40, 40, 40);
+const BROWN: RGBColor = RGBColor(130, 80, 40);
 const GREY: RGBColor = RGBColor(190, 190, 190);
 const COLORS: [RGBColor; 5] = [
     RGBColor(200, 60, 30),
@@ -47,7 +48,7 @@ pub(super) fn write(
         );
     }
     page.figure(
-        &above(shown)?,
+        &above(scene, shown)?,
         "From above. Black: the target. Grey: where single sightings put it.",
     );
     if let Some(standoff) = scene.standoff {
@@ -97,7 +98,7 @@ fn against_outliers(rows: &[TrackingRow]) -> Result<String> {
     )
 }
 
-fn above(shown: &[(String, TrackingResult)]) -> Result<String> {
+fn above(scene: &TrackingScene, shown: &[(String, TrackingResult)]) -> Result<String> {
     let flat = |v: &nalgebra::Vector3<f64>| (v.x, v.y);
     let first: &[TrackingMoment] = shown.first().map_or(&[], |(_, result)| &result.moments);
     let target: Vec<Point> = first.iter().map(|m| flat(&m.target_m)).collect();
@@ -109,10 +110,21 @@ fn above(shown: &[(String, TrackingResult)]) -> Result<String> {
         .iter()
         .map(|(_, result)| result.moments.iter().map(|m| flat(&m.believed_m)).collect())
         .collect();
+    let walls: Vec<[Point; 2]> = (scene.sensor.walls_m.iter())
+        .map(|[x1, y1, x2, y2]| [(*x1, *y1), (*x2, *y2)])
+        .collect();
     let mut series = vec![
         line("", Style::Dots, GREY, &seen),
         line("target", Style::Line, BLACK, &target),
     ];
+    for (i, wall) in walls.iter().enumerate() {
+        series.push(line(
+            if i == 0 { "walls" } else { "" },
+            Style::Line,
+            BROWN,
+            wall,
+        ));
+    }
     for (i, ((name, _), points)) in shown.iter().zip(&believed).enumerate() {
         series.push(line(name, Style::Line, color(i), points));
     }
