@@ -1,6 +1,6 @@
 //! What ranging costs on a DWM1001 (nRF52832 at 64 MHz, SPI at 8 MHz).
 //!
-//! Transactions and bytes are those of `radio.rs`; a test counts them there. The processor's part is counted in
+//! Transactions and bytes are those of `radio/`; a test counts them there. The processor's part is counted in
 //! instructions of the firmware itself, run on an emulated board, with an allowance of a quarter for instructions of
 //! more than one cycle: docs/air-time.md has the figures.
 

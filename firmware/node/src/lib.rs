@@ -9,9 +9,9 @@
 //! ```text
 //!   board's loop:  service(now) ──► wake at this time, or on interrupt
 //!                     │
-//!   node.rs        Node: deadlines, counters, records
+//!   node/          Node: deadlines, counters, records; playing.rs: its part in rounds
 //!                     │ commands, events
-//!   radio.rs       Radio: DW1000 registers, time stamps, late sends, recovery; setup.rs: its start
+//!   radio/         Radio: DW1000 registers, time stamps, late sends, recovery; setup.rs: its start
 //!                     │ SPI: access.rs for what every frame needs, dw1000::ll for the rest
 //!   bus.rs         RadioBus: what a board must provide
 //!

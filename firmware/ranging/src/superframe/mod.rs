@@ -23,9 +23,17 @@
 //! No radio and no clock in here: times are a board's own, in microseconds, and come from
 //! outside. The coordinator is a node like the others with a beacon to send.
 
+mod coordinator;
+mod member;
+mod random;
+
+pub use random::Random;
+
 use crate::exchange::Identity;
-use crate::frame::{Address, Beacon, Frame, Grant, MAX_SLOTS, Message, len};
+use crate::frame::{Address, Beacon, Frame, MAX_SLOTS, Message, len};
 use crate::timetable::{Timetable, Timing};
+use coordinator::Coordinator;
+use member::{Member, Schedule};
 
 /// How a node shares the air.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -111,72 +119,21 @@ enum State {
     Coordinator(Coordinator),
 }
 
-#[derive(Clone, Debug)]
-struct Member {
-    coordinator: Address,
-    schedule: Schedule,
-    /// When to ask for a slot.
-    ask_us: Option<u64>,
-    /// Join windows to be left out, and how many at most the next time.
-    skip: u8,
-    backoff: u8,
-}
-
-/// A superframe as its beacon described it; those that follow are like it until the next
-/// beacon.
-#[derive(Clone, Copy, Debug)]
-struct Schedule {
-    /// When the beacon was sent.
-    start_us: u64,
-    length_us: u64,
-    /// Own slot, from the beacon on.
-    slot: Option<(u64, u64)>,
-    /// Superframes since `start_us` whose slot has been used, or given up.
-    used: u64,
-}
-
-#[derive(Clone, Debug)]
-struct Coordinator {
-    superframe: u8,
-    members: heapless::Vec<Joined, MAX_SLOTS>,
-    next_us: u64,
-    skipped: u8,
-    schedule: Option<Schedule>,
-    /// Until then every superframe has a join window.
-    growing_until_us: u64,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Joined {
-    address: Address,
-    need_us: u16,
-    period_us: u32,
-    heard_us: u64,
-}
-
 /// So long a node looks for a coordinator before it becomes one.
 const ELECTION_US: u64 = 1_000_000;
 /// So long it leaves that to a lower address.
 const DEFER_US: u64 = 3_000_000;
 /// Superframes without a beacon after which there is no coordinator.
 const MISSED_BEACONS: u64 = 8;
-/// A member that has not been heard for so long, or eight of its periods, has left.
-const LEFT_AFTER_US: u64 = 2_000_000;
 /// Between a slot's end and the next one's start, and from one round to the next: clocks,
 /// and the processors' delays.
 const GAP_US: u16 = 200;
-/// From one superframe with a join window to the next, where there is no time to spare.
-const JOIN_EVERY: u8 = 8;
-/// Places for requests in a join window.
-const JOIN_PLACES: u32 = 4;
 /// Longest that is waited, at random, after the air has become free.
 const BACKOFF_US: u32 = 1_000;
 /// How long a frame of another protocol, or one destroyed, is taken to keep the air.
 const NOISE_US: u64 = 300;
 /// Most beacons in a row that are left out because the air is taken.
 const MOST_SKIPPED: u8 = 2;
-/// How much sooner than due a round may begin, so that it meets its slot.
-const EARLY_PART: u64 = 2;
 
 impl Superframe {
     /// Of a node with rounds of at most `slots` slots, one every `period_us`.
@@ -489,168 +446,6 @@ impl State {
     };
 }
 
-impl Schedule {
-    /// In the own slot of this superframe or the next.
-    fn turn(
-        &mut self,
-        now_us: u64,
-        due_us: u64,
-        busy_until_us: u64,
-        round_us: u64,
-        left_out: &mut LeftOut,
-    ) -> Turn {
-        let Some((slot_us, end_us)) = self.slot else {
-            return Turn::Wait(now_us + self.length_us);
-        };
-        let passed = now_us.saturating_sub(self.start_us) / self.length_us.max(1);
-        self.used = self.used.max(passed);
-        loop {
-            let base_us = self.start_us + self.used * self.length_us;
-            let from_us = base_us + slot_us;
-            let to_us = (base_us + end_us).saturating_sub(GAP_US.into());
-            let early = due_us > from_us + self.length_us / EARLY_PART;
-            let at_us = from_us.max(busy_until_us).max(now_us);
-            let fits = at_us + round_us <= to_us;
-            if !early && fits && at_us <= now_us {
-                self.used += 1;
-                return Turn::Talk {
-                    until_us: Some(to_us),
-                };
-            }
-            if !early && (fits || now_us < from_us) {
-                // The air may be free by then.
-                return Turn::Wait(if fits { at_us } else { from_us });
-            }
-            if !early {
-                // Too late for a round, whoever is to blame.
-                left_out.slots = left_out.slots.wrapping_add(1);
-            }
-            // As many superframes as there are until then.
-            let ahead_us = due_us.saturating_sub(from_us + self.length_us / EARLY_PART);
-            self.used += (ahead_us / self.length_us.max(1)).max(1);
-        }
-    }
-}
-
-impl Member {
-    /// Asks for a slot when the time drawn for it has come.
-    fn ask(&mut self, now_us: u64, busy_until_us: u64, random: &mut Random) -> Turn {
-        let next_us = now_us + self.schedule.length_us;
-        match self.ask_us {
-            None => Turn::Wait(next_us),
-            Some(ask_us) if now_us < ask_us => Turn::Wait(ask_us),
-            Some(_) => {
-                self.ask_us = None;
-                if now_us < busy_until_us {
-                    return Turn::Wait(next_us);
-                }
-                // Should this one not get through, others stand in the way.
-                self.backoff = (2 * self.backoff + 1).min(15);
-                self.skip = random.below(u32::from(self.backoff) + 1) as u8;
-                Turn::Join(self.coordinator)
-            }
-        }
-    }
-}
-
-impl Coordinator {
-    fn new(next_us: u64, now_us: u64) -> Self {
-        Self {
-            superframe: 0,
-            members: heapless::Vec::new(),
-            next_us,
-            skipped: 0,
-            schedule: None,
-            growing_until_us: now_us + LEFT_AFTER_US,
-        }
-    }
-
-    fn admit(&mut self, address: Address, need_us: u16, period_us: u32, at_us: u64) {
-        self.growing_until_us = at_us + LEFT_AFTER_US;
-        let joined = Joined {
-            address,
-            need_us,
-            period_us,
-            heard_us: at_us,
-        };
-        // The own slot is one of them. A full superframe takes no more.
-        let full = self.members.len() + 1 >= MAX_SLOTS;
-        match self.members.iter_mut().find(|m| m.address == address) {
-            Some(member) => *member = joined,
-            None if full => {}
-            None => {
-                let _ = self.members.push(joined);
-            }
-        }
-    }
-
-    fn heard(&mut self, address: Address, at_us: u64) {
-        if let Some(member) = self.members.iter_mut().find(|m| m.address == address) {
-            member.heard_us = at_us;
-        }
-    }
-
-    fn beacon(
-        &mut self,
-        now_us: u64,
-        own: Address,
-        (need_us, period_us): (u16, u32),
-        timing: &Timing,
-    ) -> Turn {
-        self.members.retain(|member| {
-            let patience_us = LEFT_AFTER_US.max(8 * u64::from(member.period_us));
-            now_us <= member.heard_us + patience_us
-        });
-        let mut grants = heapless::Vec::new();
-        // There is room: members are fewer than slots.
-        let _ = grants.push(Grant {
-            owner: own,
-            length_us: need_us,
-        });
-        for member in &self.members {
-            let _ = grants.push(Grant {
-                owner: member.address,
-                length_us: member.need_us,
-            });
-        }
-        let space_us = beacon_space_us(timing);
-        let used_us: u64 = space_us + grants.iter().map(|g| u64::from(g.length_us)).sum::<u64>();
-        let wanted_us = self
-            .members
-            .iter()
-            .map(|member| member.period_us)
-            .fold(period_us, u32::min);
-        let window_us = u64::from(JOIN_PLACES * join_place_us(timing));
-        let spare = used_us + window_us <= u64::from(wanted_us);
-        let joins =
-            spare || now_us < self.growing_until_us || self.superframe.is_multiple_of(JOIN_EVERY);
-        let join_us = if joins { window_us } else { 0 };
-        let length_us = (used_us + join_us).max(wanted_us.into());
-        self.superframe = self.superframe.wrapping_add(1);
-        // In step with the last one, unless that is long ago.
-        let due_us = if now_us < self.next_us + length_us {
-            self.next_us.max(1)
-        } else {
-            now_us
-        };
-        self.next_us = due_us + length_us;
-        self.schedule = Some(Schedule {
-            start_us: now_us,
-            length_us,
-            slot: Some((space_us, space_us + u64::from(need_us))),
-            used: 0,
-        });
-        Turn::Beacon {
-            superframe: self.superframe,
-            beacon: Beacon {
-                length_us: u32::try_from(length_us).unwrap_or(u32::MAX),
-                join_us: u16::try_from(join_us).unwrap_or(u16::MAX),
-                grants,
-            },
-        }
-    }
-}
-
 /// What a node with rounds of so many slots asks for: a round, another for up to two that
 /// were missing in it, and the gap.
 fn need_us(timing: &Timing, slots: usize) -> u16 {
@@ -675,26 +470,5 @@ fn wait_or_talk(now_us: u64, at_us: u64, until_us: Option<u64>) -> Turn {
         Turn::Wait(at_us)
     } else {
         Turn::Talk { until_us }
-    }
-}
-
-/// Random numbers, from a different start for each address.
-#[derive(Clone, Copy, Debug)]
-pub struct Random(u32);
-
-impl Random {
-    /// The numbers of this node.
-    pub fn new(address: Address) -> Self {
-        // xorshift must not start at 0.
-        Self(u32::from(address.0) | 0x1_0000)
-    }
-
-    /// A number from 0 to `end` - 1, or 0.
-    pub fn below(&mut self, end: u32) -> u32 {
-        // xorshift32 (Marsaglia 2003).
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 17;
-        self.0 ^= self.0 << 5;
-        ((u64::from(self.0) * u64::from(end)) >> 32) as u32
     }
 }
