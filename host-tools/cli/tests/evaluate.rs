@@ -205,3 +205,39 @@ fn a_piece_needs_a_file_and_a_number_that_can_be() {
     }
     assert_eq!(nova.files(), ["table.toml"]);
 }
+
+/// The table comes through a pipe, so that the test knows when it has been asked for.
+#[cfg(unix)]
+#[test]
+fn interrupted_runs_leave_the_files_as_they_were() {
+    use rustix::process::{Pid, Signal, kill_process};
+    use std::os::unix::process::ExitStatusExt as _;
+    use std::process::{Command, Stdio};
+
+    for piece in [&[][..], &["--shard", "1/2"], &["--page", "page"]] {
+        let nova = Nova::new();
+        nova.file("rows", "of an earlier run");
+        let table = nova.folder.path().join("table.toml");
+        assert!(
+            Command::new("mkfifo")
+                .arg(&table)
+                .status()
+                .unwrap()
+                .success()
+        );
+        let long = ["--trials", "1000000", "--out", "rows"];
+        let mut child = Command::new(env!("CARGO_BIN_EXE_nova"))
+            .args([&["evaluate", "table.toml"], &long[..], piece].concat())
+            .current_dir(nova.folder.path())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::fs::write(&table, TABLE).unwrap();
+        kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+        let status = child.wait().unwrap();
+        assert_eq!(status.signal(), Some(Signal::INT.as_raw()), "{piece:?}");
+        assert_eq!(nova.files(), ["rows", "table.toml"]);
+        let rows = std::fs::read_to_string(nova.folder.path().join("rows"));
+        assert_eq!(rows.unwrap(), "of an earlier run");
+    }
+}
