@@ -1,4 +1,8 @@
 //! A frame from the air.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| nova_tests::fuzz::air_frame(bytes));
+#[path = "../../tests/src/fuzz.rs"]
+#[allow(dead_code)] // Each target uses one.
+mod fuzz;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuzz::air_frame(bytes));

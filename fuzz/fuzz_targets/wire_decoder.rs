@@ -1,4 +1,8 @@
 //! A stream of bytes from a board.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| nova_tests::fuzz::wire_decoder(bytes));
+#[path = "../../tests/src/fuzz.rs"]
+#[allow(dead_code)] // Each target uses one.
+mod fuzz;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuzz::wire_decoder(bytes));
