@@ -29,6 +29,7 @@ mod page;
 mod peer;
 mod place;
 mod record_line;
+mod recording;
 mod screen;
 mod settings;
 pub mod sim_node;

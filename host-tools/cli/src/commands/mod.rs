@@ -13,6 +13,7 @@ mod fly;
 mod fuse;
 mod guide;
 mod listen;
+mod replay;
 mod simulate;
 mod solve;
 mod status;
@@ -44,6 +45,7 @@ enum Command {
     Fly(fly::Fly),
     Track(track::Track),
     Deliver(deliver::Deliver),
+    Replay(replay::Replay),
     Evaluate(evaluate::Evaluate),
     Merge(evaluate::Merge),
     Twr(twr::Twr),
@@ -81,6 +83,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Fly(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Deliver(command) => command.run(),
+        Command::Replay(command) => command.run(),
         Command::Evaluate(command) => command.run(),
         Command::Merge(command) => command.run(),
         Command::Twr(command) => command.run(),

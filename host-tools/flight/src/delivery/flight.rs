@@ -1,13 +1,14 @@
 //! One delivery.
 
 use super::craft::Craft;
+use super::lander::Lander;
+use super::recording::{Begin, Event, InputRecord, measured};
 use super::scenario::{FilterKind, Scenario, ScenarioFault};
 use super::sensors::Sensors;
 use nalgebra::Vector3;
 use nova_solver::delivery::{
-    Delayed, ErrorStateFilter, ErrorStateOptions, EulerEkf, EulerEkfOptions, FieldOptions,
-    LandingFilter, Measurement, Mission, MissionOptions, Order, Pose, Situation, State, Trouble,
-    VectorField, Verdict,
+    FieldOptions, LandingFilter, Measurement, Mission, MissionOptions, Order, Pose, Situation,
+    State, Trouble, VectorField, Verdict,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -64,14 +65,14 @@ pub struct Sample {
     pub gps_bias_m: [f64; 3],
 }
 
-/// Flies one delivery; `watch` is shown ten moments a second.
+/// Flies one delivery; `watch` is shown all that the filter is told and says, and ten moments a second beside the truth.
 ///
 /// # Errors
 /// [`ScenarioFault`] where it cannot be flown.
 pub fn deliver(
     scenario: &Scenario,
     seed: u64,
-    watch: impl FnMut(&Sample),
+    mut watch: impl FnMut(&Event),
 ) -> Result<DeliveryResult, ScenarioFault> {
     let path = scenario.path()?;
     let mut sensors = Sensors::new(scenario, seed);
@@ -89,6 +90,9 @@ pub fn deliver(
             _ => None,
         })
         .unwrap_or_else(|| start.pose());
+    let begin = Begin::new(scenario.filter, &first, scenario.gps_bias_m);
+    let lander = begin.lander()?;
+    watch(&Event::Begin(begin));
     let field = VectorField::new(
         path,
         FieldOptions {
@@ -105,22 +109,7 @@ pub fn deliver(
         seed,
         watch,
     };
-    Ok(match scenario.filter {
-        FilterKind::Paper => {
-            let options = EulerEkfOptions {
-                first_bias_sigma_m: 1.5 * scenario.gps_bias_m.max(0.1),
-                ..EulerEkfOptions::default()
-            };
-            flight.run(EulerEkf::new(&first, 0.1, options), false)
-        }
-        FilterKind::ErrorState => {
-            let options = ErrorStateOptions {
-                first_bias_sigma_m: 1.5 * scenario.gps_bias_m.max(0.1),
-                ..ErrorStateOptions::default()
-            };
-            flight.run(ErrorStateFilter::new(&first, options), true)
-        }
-    })
+    Ok(flight.run(lander))
 }
 
 struct Flight<'a, W> {
@@ -132,11 +121,11 @@ struct Flight<'a, W> {
     watch: W,
 }
 
-impl<W: FnMut(&Sample)> Flight<'_, W> {
-    fn run<F: LandingFilter + Clone>(mut self, filter: F, times_are_known: bool) -> DeliveryResult {
+impl<W: FnMut(&Event)> Flight<'_, W> {
+    fn run(mut self, mut filter: Lander) -> DeliveryResult {
+        let times_are_known = self.scenario.filter == FilterKind::ErrorState;
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(10);
-        let mut filter = Delayed::new(filter, 0.0, 0.5);
         let mut mission = Mission::new(self.mission_options());
         let mut result = DeliveryResult {
             touchdown_m: None,
@@ -160,10 +149,9 @@ impl<W: FnMut(&Sample)> Flight<'_, W> {
             let truth = self.craft.pose();
             for timed in self.sensors.measure(tick, t_s, TICK_S, &truth) {
                 let taken_s = if times_are_known { timed.taken_s } else { t_s };
-                match (
-                    filter.measurement(taken_s, timed.measurement),
-                    timed.measurement,
-                ) {
+                let event = measured(t_s, taken_s, &timed.measurement);
+                (self.watch)(&event);
+                match (take(&mut filter, &event), timed.measurement) {
                     (Verdict::Outlier, _) => result.outliers += 1,
                     (Verdict::Used, Measurement::Autopilot { .. }) => gps_s = t_s,
                     (Verdict::Used, _) => local_s = t_s,
@@ -229,16 +217,23 @@ impl<W: FnMut(&Sample)> Flight<'_, W> {
                 self.craft.velocity_m_s = Vector3::zeros();
             }
             let input = self.sensors.input(&truth, &self.craft.pose(), TICK_S);
-            filter.input(t_s, input);
+            let event = Event::Input(InputRecord {
+                t_s,
+                velocity_m_s: input.velocity_m_s.into(),
+                rate_rad_s: input.rate_rad_s.into(),
+            });
+            (self.watch)(&event);
+            take(&mut filter, &event);
+            (self.watch)(&Event::Estimate(filter.estimate(t_s)));
             if tick.is_multiple_of(10) {
                 let estimate = filter.filter().pose().position_m;
-                (self.watch)(&Sample {
+                (self.watch)(&Event::Sample(Sample {
                     t_s,
                     true_m: self.craft.position_m.into(),
                     estimate_m: estimate.into(),
                     lyapunov_m2: path.lyapunov_m2(&estimate),
                     gps_bias_m: filter.filter().gps_bias_m().into(),
-                });
+                }));
             }
         }
         result.finished =
@@ -288,6 +283,11 @@ impl<W: FnMut(&Sample)> Flight<'_, W> {
             fence_m: 10.0,
         }
     }
+}
+
+/// What cannot be taken has no use, as what the filter cannot compute with.
+fn take(filter: &mut Lander, event: &Event) -> Verdict {
+    filter.take(event).unwrap_or(Verdict::Unusable)
 }
 
 fn name(trouble: Trouble) -> &'static str {

@@ -1,5 +1,6 @@
 //! What a delivery can be told.
 
+use super::recording::RecordFault;
 use nova_solver::delivery::{DeliveryPath, PathFault};
 use serde::{Deserialize, Serialize};
 
@@ -105,6 +106,9 @@ pub enum ScenarioFault {
     /// The path.
     #[error(transparent)]
     Path(#[from] PathFault),
+    /// What the autopilot says first is no pose.
+    #[error("the first pose: {0}")]
+    FirstPose(#[from] RecordFault),
     /// A number is out of range.
     #[error("{name} is {value}; it has to be from {least} to {most}")]
     OutOfRange {

@@ -3,10 +3,11 @@
 mod page;
 
 use crate::error::bad_input;
+use crate::recording::Recording;
 use crate::screen;
 use anyhow::Result;
 use nova_flight::delivery::{
-    DeliveryResult, DeliveryRow, FilterKind, Sample, Scenario, deliver, deliver_many,
+    DeliveryResult, DeliveryRow, Event, FilterKind, Sample, Scenario, deliver, deliver_many,
 };
 use nova_flight::trial_seed;
 use serde::Serialize;
@@ -23,6 +24,7 @@ use std::path::PathBuf;
   nova deliver                                             one delivery as in the paper
   nova deliver --out page.html                             with the path, its distance and the Lyapunov value over time
   nova deliver --trials 100 --failures --compare           the table of docs/delivery.md
+  nova deliver --record flight.mcap                        all that the filter was told and said, for viewers and nova replay
   nova deliver --scenario windy.toml --trials 20 --json")]
 pub(crate) struct Deliver {
     /// What differs from the paper's delivery.
@@ -46,6 +48,9 @@ pub(crate) struct Deliver {
     /// A page with pictures of the first delivery.
     #[arg(long, value_name = "PAGE.html")]
     out: Option<PathBuf>,
+    /// A recording of the first delivery: what its filter was told and said; `nova replay` reads it.
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
 }
 
 /// One row.
@@ -112,12 +117,34 @@ impl Deliver {
             out.flush()?;
         }
         bar.finish_and_clear();
+        if self.out.is_some() || self.record.is_some() {
+            self.first(&scenario)?;
+        }
+        Ok(())
+    }
+
+    /// Flies the first delivery once more, for its page and its recording.
+    fn first(&self, scenario: &Scenario) -> Result<()> {
+        let first = trial_seed(self.seed, 0);
+        let mut recording = match &self.record {
+            Some(path) => Some((Recording::new(scenario, first)?, path)),
+            None => None,
+        };
+        let mut samples: Vec<Sample> = Vec::new();
+        let result = deliver(scenario, first, |event| {
+            if let Event::Sample(sample) = event {
+                samples.push(*sample);
+            }
+            if let Some((recording, _)) = &mut recording {
+                recording.add(event);
+            }
+        })
+        .map_err(|fault| bad_input!("the scenario cannot be flown: {fault}"))?;
         if let Some(path) = &self.out {
-            let mut samples: Vec<Sample> = Vec::new();
-            let first = trial_seed(self.seed, 0);
-            let result = deliver(&scenario, first, |sample| samples.push(*sample))
-                .map_err(|fault| bad_input!("the scenario cannot be flown: {fault}"))?;
-            page::write(path, &scenario, &samples, &result)?;
+            page::write(path, scenario, &samples, &result)?;
+        }
+        if let Some((recording, path)) = recording {
+            recording.finish(path)?;
         }
         Ok(())
     }

@@ -1,0 +1,133 @@
+//! What one control step of a delivery costs: the filter with what it is told in a hundredth of a second, the vector field, the
+//! mission.
+//!
+//! `cargo bench -p nova-flight --bench delivery`. First, over all steps of a flight, the share of one core at 100 Hz with either
+//! filter; then criterion's figures of whole flights, the two filters beside each other.
+
+#![allow(missing_docs, clippy::unwrap_used)] // criterion's macros
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use nalgebra::Vector3;
+use nova_flight::delivery::{Event, FilterKind, Lander, Scenario, deliver};
+use nova_solver::delivery::{
+    FieldOptions, LandingFilter, Mission, MissionOptions, Situation, VectorField,
+};
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+/// Steps a second.
+const RATE_HZ: f64 = 100.0;
+
+/// What the filter of a flight out, by the paper's Sec. 5.1, was told, cut into steps.
+struct Told {
+    scenario: Scenario,
+    lander: Lander,
+    steps: Vec<Vec<Event>>,
+}
+
+impl Told {
+    fn new(filter: FilterKind) -> Self {
+        let scenario = Scenario {
+            filter,
+            return_trip: false,
+            ..Scenario::default()
+        };
+        let (mut lander, mut steps, mut step) = (None, Vec::new(), Vec::new());
+        deliver(&scenario, 2025, |event| match event {
+            Event::Begin(begin) => lander = Some(begin.lander().unwrap()),
+            Event::Estimate(_) | Event::Sample(_) => {}
+            Event::Input(_) => {
+                step.push(*event);
+                steps.push(std::mem::take(&mut step));
+            }
+            _ => step.push(*event),
+        })
+        .unwrap();
+        Self {
+            scenario,
+            lander: lander.unwrap(),
+            steps,
+        }
+    }
+
+    /// The whole flight; how long each step took goes to `took`.
+    fn fly(&self, mut took: impl FnMut(Duration)) {
+        let path = self.scenario.path().unwrap();
+        let options = FieldOptions {
+            convergence_per_m: self.scenario.convergence_per_m,
+            speeds_m_s: self.scenario.speeds_m_s,
+            ..FieldOptions::default()
+        };
+        let field = VectorField::new(path, options);
+        let mut mission = Mission::new(MissionOptions {
+            length_m: field.path().along_m(&Vector3::zeros()),
+            retry_height_m: 15.0,
+            decision_height_m: 3.0,
+            most_sigma_m: 0.3,
+            tries: 3,
+            lost_s: 1.0,
+            local_lost_s: 3.0,
+            longest_hold_s: 15.0,
+            low_battery: 0.35,
+            empty_battery: 0.1,
+            fence_m: 10.0,
+        });
+        let mut lander = self.lander.clone();
+        for (number, step) in self.steps.iter().enumerate() {
+            let begin = Instant::now();
+            for event in black_box(step) {
+                let _ = black_box(lander.take(event));
+            }
+            let filter = lander.filter();
+            let place_m = filter.pose().position_m;
+            let horizontal = filter.position_covariance_m2();
+            let horizontal = horizontal.fixed_view::<2, 2>(0, 0).into_owned();
+            let order = mission.step(&Situation {
+                t_s: number as f64 / RATE_HZ,
+                along_m: field.path().along_m(&place_m),
+                height_m: place_m.z,
+                sigma_m: horizontal.symmetric_eigenvalues().max().sqrt(),
+                off_path_m: field.path().distance_m(&place_m),
+                gps_age_s: 0.0,
+                local_age_s: 0.0,
+                battery: 1.0,
+                on_ground: number == 0,
+                released: false,
+            });
+            black_box((order, field.velocity_m_s(&place_m, true)));
+            took(begin.elapsed());
+        }
+    }
+}
+
+fn delivery(criterion: &mut Criterion) {
+    let filters = [
+        ("error-state filter", FilterKind::ErrorState),
+        ("paper's EKF", FilterKind::Paper),
+    ];
+    let told = filters.map(|(name, filter)| (name, Told::new(filter)));
+    for (name, told) in &told {
+        let mut times = Vec::new();
+        told.fly(|took| times.push(took));
+        times.sort();
+        let mean = times.iter().sum::<Duration>() / times.len() as u32;
+        let at = |part: f64| times.get((part * times.len() as f64) as usize).copied();
+        println!(
+            "{name}: {} steps; mean {mean:?}, median {:?}, 99 % below {:?}; {:.3} % of one core at 100 Hz",
+            times.len(),
+            at(0.5).unwrap_or_default(),
+            at(0.99).unwrap_or_default(),
+            100.0 * mean.as_secs_f64() * RATE_HZ,
+        );
+    }
+    let mut group = criterion.benchmark_group("all control steps of a delivery");
+    group.sample_size(10);
+    for (name, told) in &told {
+        group.throughput(Throughput::Elements(told.steps.len() as u64));
+        group.bench_function(*name, |bencher| bencher.iter(|| told.fly(|_| ())));
+    }
+    group.finish();
+}
+
+criterion_group!(benches, delivery);
+criterion_main!(benches);
