@@ -8,12 +8,27 @@
 //! ```
 //!
 //! Obstructed paths are longer, never shorter, so late ranges are believed less readily than early
-//! ones. The tails keep a constant pull, which leads a start far from the answer home.
+//! ones. The tails keep a constant pull, which leads a start far from the answer home, up to 30 m; from there
+//! on `exp(-|r|/m)` goes over into a power of `|r|` with the same slope. No path is that much longer, such a
+//! range is no distance at all, and bending the whole flight toward it must not pay.
 
 /// Mean size of an outlier, metres.
 const OUTLIER_MEAN_M: f64 = 1.0;
 /// Share of outliers that are late.
 const LATE: f64 = 0.9;
+/// Residuals beyond this are of no obstructed path, metres.
+const GROSS_M: f64 = 30.0;
+
+/// `-ln` of the tail's shape at this size of the residual, and its slope.
+#[inline]
+fn tail(size_m: f64) -> (f64, f64) {
+    if size_m <= GROSS_M {
+        (size_m / OUTLIER_MEAN_M, 1.0 / OUTLIER_MEAN_M)
+    } else {
+        let power = GROSS_M / OUTLIER_MEAN_M;
+        (power * (1.0 + (size_m / GROSS_M).ln()), power / size_m)
+    }
+}
 
 /// Cost of one residual and its derivatives.
 #[derive(Debug, Clone, Copy)]
@@ -22,7 +37,7 @@ pub(super) struct Influence {
     pub(super) cost: f64,
     /// Derivative of the cost with respect to the predicted range.
     pub(super) slope: f64,
-    /// Weight of the Gauss-Newton term, `w / sigma^2 + (1 - w) / (m |r|)`: the second part is the
+    /// Weight of the Gauss-Newton term, `w / sigma^2 + (1 - w) |slope| / |r|`: the second part is the
     /// parabola that touches the tail at `r` from above.
     pub(super) information: f64,
     /// `w`.
@@ -41,20 +56,15 @@ impl RangeLikelihood {
     #[inline]
     pub(super) fn influence(&self, r: f64, variance: f64) -> Influence {
         let inverse = 1.0 / variance;
-        let (share, pull) = if r < 0.0 {
-            (LATE, -1.0 / OUTLIER_MEAN_M)
-        } else {
-            (1.0 - LATE, 1.0 / OUTLIER_MEAN_M)
-        };
+        let share = if r < 0.0 { LATE } else { 1.0 - LATE };
+        let (tail, pull) = tail(r.abs());
         // ln of outlier density over Gaussian density; the Gaussian is taken out of the sum so that
         // nothing underflows.
         let gaussian = 0.5 * r * r * inverse;
         let log_normal =
             0.5 * (std::f64::consts::TAU * variance).ln() - (-self.outlier_probability).ln_1p();
-        let odds = (self.outlier_probability * share / OUTLIER_MEAN_M).ln()
-            - r.abs() / OUTLIER_MEAN_M
-            + log_normal
-            + gaussian;
+        let odds =
+            (self.outlier_probability * share / OUTLIER_MEAN_M).ln() - tail + log_normal + gaussian;
         let (log_sum, sound) = if odds > 700.0 {
             (odds, 0.0)
         } else {
@@ -63,9 +73,9 @@ impl RangeLikelihood {
         };
         Influence {
             cost: log_normal + gaussian - log_sum,
-            slope: sound * r * inverse + (1.0 - sound) * pull,
+            slope: sound * r * inverse + (1.0 - sound) * pull.copysign(r),
             information: sound * inverse
-                + (1.0 - sound) / (OUTLIER_MEAN_M * r.abs().max(OUTLIER_MEAN_M * 1e-3)),
+                + (1.0 - sound) * pull / r.abs().max(OUTLIER_MEAN_M * 1e-3),
             sound,
         }
     }
@@ -81,8 +91,8 @@ mod tests {
 
     #[test]
     fn slope_is_the_derivative_of_the_cost() {
-        for r in [-30.0, -2.0, -0.3, -0.11, 0.07, 0.2, 0.5, 4.0, 50.0] {
-            let h = 1e-6;
+        for r in [-30.0, -2.0, -0.3, -0.11, 0.07, 0.2, 0.5, 4.0, 50.0, 700.0] {
+            let h = 1e-5;
             let cost = |r: f64| LIKELIHOOD.influence(r, 0.01).cost;
             let slope = (cost(r + h) - cost(r - h)) / (2.0 * h);
             let told = LIKELIHOOD.influence(r, 0.01).slope;
@@ -106,6 +116,15 @@ mod tests {
         let late = LIKELIHOOD.influence(-0.35, 0.01).sound;
         let early = LIKELIHOOD.influence(0.35, 0.01).sound;
         assert!(late < early && late < 0.5);
+    }
+
+    #[test]
+    fn bending_a_flight_by_kilometres_toward_an_absurd_range_does_not_pay() {
+        let cost = |r: f64| LIKELIHOOD.influence(r, 0.01).cost;
+        for r in [1e9, -1e9] {
+            let gain = cost(r) - cost(r - 1e4_f64.copysign(r));
+            assert!((0.0..1e-3).contains(&gain), "{gain}");
+        }
     }
 
     #[test]
