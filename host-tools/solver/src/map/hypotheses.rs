@@ -20,22 +20,27 @@ use std::f64::consts::{PI, TAU};
 
 /// Directions of the first search.
 const STARTS: usize = 8;
+/// Ranges whose median is the first search's.
+const OLDEST: usize = 9;
 /// Starts are at least this part of the range away horizontally.
 const LEAST_SHARE: f64 = 0.3;
 /// Cost beyond the best one's at which an explanation is given up: one in 10^5.
 const HOPELESS: f64 = 12.0;
-/// Noises between which the last metres may have to decide: as tuned, gusts, a worse accelerometer.
-const NOISES: [fn(&mut NoiseModel); 6] = [
-    |_| {},
+/// Noises between which the last metres may have to decide: gusts of any strength, a worse accelerometer.
+const NOISES: [fn(&mut NoiseModel); 9] = [
+    |noise| noise.ins.position_random_walk = 0.003,
     |noise| noise.ins.position_random_walk = 0.03,
+    |noise| noise.ins.position_random_walk = 0.06,
     |noise| noise.ins.position_random_walk = 0.1,
+    |noise| noise.ins.position_random_walk = 0.15,
+    |noise| noise.ins.position_random_walk = 0.25,
     |noise| noise.ins.velocity_random_walk *= 2.0,
     |noise| noise.ins.acceleration_random_walk = 0.003,
     |noise| noise.ins.acceleration_random_walk = 0.01,
 ];
 /// Most explanations that are tried with other noises, and that are sliced.
 const MOST_RETUNED: usize = 4;
-const MOST_SLICED: usize = 6;
+const MOST_SLICED: usize = 8;
 /// An explanation that is worse by more than this does not count: one in 10^4.
 const COUNTS: f64 = 9.0;
 /// Tags may seem this much above the lowest place of the flight, metres: barometers drift.
@@ -44,10 +49,11 @@ const HEIGHT_TOLERANCE_M: f64 = 1.0;
 const FRESH_S: f64 = 15.0;
 const FRESH_RANGES: usize = 60;
 /// What may be wrong with the data sheet. A flight in gusts that dead reckoning does not see, taken
-/// for one in still air, contradicts the right place of the tag first of all.
+/// for one in still air, contradicts the right place of the tag first of all. So they begin as strong as
+/// they may come (0.35 m/s for half a second each is 0.25 m/sqrt(s)).
 const BEGINNINGS: [fn(&mut NoiseModel); 3] = [
     |_| {},
-    |noise| noise.ins.position_random_walk = 0.1,
+    |noise| noise.ins.position_random_walk = 0.2,
     |noise| noise.ins.acceleration_random_walk = 0.01,
 ];
 /// Explanations that differ by less than this part of the distance, in the place of the tag and of
@@ -166,7 +172,7 @@ impl Hypotheses {
         let Some(oldest) = record.observations().first() else {
             return;
         };
-        let range = oldest.range_m.abs();
+        let range = typical_range_m(record);
         let toward = self.guess_m - oldest.ins_m;
         let below = (-toward.z).clamp(0.0, range);
         let radius = (range * range - below * below)
@@ -216,7 +222,7 @@ impl Hypotheses {
                 t_s: o.t_s,
                 position_m: o.ins_m,
                 range_m: o.range_m,
-                sigma_m: o.variance_m2().sqrt(),
+                sigma_m: o.variance_m2(0.0).sqrt(),
             })
             .collect();
         let options = MultilaterationOptions {
@@ -357,6 +363,17 @@ impl Hypotheses {
             }
         }
     }
+}
+
+/// The median of the oldest ranges: the first of all may be a wild one.
+fn typical_range_m(record: &Record) -> f64 {
+    let mut ranges = [0.0; OLDEST];
+    let count = record.observations().len().min(OLDEST);
+    for (range, observation) in ranges.iter_mut().zip(record.observations()) {
+        *range = observation.range_m.abs();
+    }
+    let (_, median, _) = ranges[..count.max(1)].select_nth_unstable_by(count / 2, f64::total_cmp);
+    *median
 }
 
 /// Images of a tag in the path: turned about the path's long axis, mirrored in its plane.

@@ -134,10 +134,10 @@ impl Mixture {
 
     /// Splits what is too wide for a straight line.
     fn split(&mut self, observation: &Observation) {
-        let variance = observation.variance_m2();
         let mut i = 0;
         while i < self.components.len() {
             let (u, distance) = self.components[i].sight(observation);
+            let variance = self.components[i].variance_m2(observation);
             let bend = self.components[i].bend(&u, distance);
             if bend.variance_m2() > BENT * variance && self.components.len() + 2 <= ROOM {
                 let [low, middle, high] = self.components[i].split_along(bend.direction());
@@ -213,6 +213,11 @@ impl Component {
         self.covariance = *recursion.covariance();
     }
 
+    /// Variance of range minus reckoned distance in its eyes, m^2.
+    fn variance_m2(&self, observation: &Observation) -> f64 {
+        observation.variance_m2(self.noise.position_random_walk)
+    }
+
     /// From the vehicle to the tag: direction and distance.
     fn sight(&self, observation: &Observation) -> (Vector3<f64>, f64) {
         let sight = self.mean.fixed_rows::<3>(0) - observation.ins_m;
@@ -248,7 +253,7 @@ impl Component {
     fn observe(&mut self, observation: &Observation, noise: &NoiseModel) {
         let (u, distance) = self.sight(observation);
         let bend = self.bend(&u, distance);
-        let variance = observation.variance_m2() + bend.variance_m2();
+        let variance = self.variance_m2(observation) + bend.variance_m2();
         let mut seen = self.covariance.fixed_columns::<3>(0) * u;
         seen += self.covariance.column(BIAS);
         let foretold = u.dot(&seen.fixed_rows::<3>(0)) + seen[BIAS];
@@ -331,6 +336,7 @@ mod tests {
             range_m: (tag_m - vehicle_m).norm(),
             range_sigma_m: RANGE_SIGMA_M,
             height_sigma_m: 0.0,
+            gusts_s: 0.0,
         }
     }
 

@@ -54,6 +54,8 @@ const NO_LONGER_CLOSE_M: f64 = 25.0;
 const COMPACT_SHARE: f64 = 0.15;
 /// The mixture is started anew when it explains the ranges this much worse than the best explanation.
 const LOST: f64 = 15.0;
+/// Ranges further apart than this are not a series, seconds.
+const LONGEST_PAUSE_S: f64 = 0.5;
 /// Height below which every range leads to an update, metres.
 const LOW_M: f64 = 8.0;
 
@@ -147,6 +149,22 @@ impl MapNavigator {
         }
         let velocity = (last.position_m - before.position_m) / dt_s;
         Some(last.position_m + velocity * ahead_s)
+    }
+
+    /// What gusts add to the roughness of ranges, over the square of their strength: a third of the time
+    /// between ranges, along the line of sight.
+    fn gusts_s(&self, sample: &RangeSample, ins_m: Vector3<f64>) -> f64 {
+        let (tag_m, error_m) = self.hypotheses.best().map_or_else(
+            || (self.guess.tag_m, Vector3::zeros()),
+            |best| (best.tag_m(), best.ins_error().0),
+        );
+        let down_m = (ins_m - error_m - tag_m).z;
+        let level = 1.0 - (down_m / sample.range_m).powi(2);
+        let dt_s = self
+            .newest()
+            .map_or(0.0, |newest| sample.t_s - newest.t_s)
+            .min(LONGEST_PAUSE_S);
+        level.max(0.0) * dt_s / 3.0
     }
 
     fn observe(&mut self, observation: Observation) {
@@ -293,7 +311,9 @@ impl MapNavigator {
         };
         approach.landing = !vague && approach.may_land();
         let exploring = vague && t_s - start.t_s < EXPLORE_S;
-        if !(exploring || approach.landing) && self.planner.is_due(t_s) {
+        // Not with a search for other explanations in the same range: an answer is wanted soon.
+        let searched = self.newest().is_some_and(|o| o.t_s == self.doubted_s);
+        if !(exploring || approach.landing || searched) && self.planner.is_due(t_s) {
             let forecast = self.forecast(best, t_s - start.t_s);
             self.planner.choose(t_s, &forecast, approach);
         }
@@ -401,8 +421,9 @@ impl Navigator for MapNavigator {
         };
         let (range_sigma_m, height_sigma_m) = if self.options.adapt_noise {
             (
-                self.range_roughness.add(sample.range_m),
-                self.height_roughness.add(ins_m.z),
+                self.range_roughness
+                    .add(sample.range_m, self.gusts_s(&sample, ins_m)),
+                self.height_roughness.add(ins_m.z, 0.0),
             )
         } else {
             (
@@ -416,6 +437,7 @@ impl Navigator for MapNavigator {
             range_m: sample.range_m,
             range_sigma_m,
             height_sigma_m,
+            gusts_s: self.range_roughness.gusts_s(),
         };
         if sample.range_m >= NEAREST_M {
             self.observe(observation);

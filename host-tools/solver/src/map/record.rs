@@ -3,24 +3,37 @@
 use super::height::HeightSmoother;
 use nalgebra::{Matrix3, Vector3};
 
+/// Gusts never explain more than the rest of a range's roughness: those that last roughen it less than
+/// such as change from range to range.
+const LEAST_NOISE: f64 = 0.25;
+
 /// A range and where dead reckoning was then; its height is smoothed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Observation {
     pub(super) t_s: f64,
     pub(super) ins_m: Vector3<f64>,
     pub(super) range_m: f64,
-    /// Noise of the range and of the reckoned height, metres.
+    /// Noise of the range, with gusts in it, and of the reckoned height, metres.
     pub(super) range_sigma_m: f64,
     pub(super) height_sigma_m: f64,
+    /// How much of the range's variance gusts are, over the square of their strength, seconds.
+    pub(super) gusts_s: f64,
 }
 
 impl Observation {
+    /// Variance of the range alone where gusts are this strong, m^2.
+    #[inline]
+    pub(super) fn range_variance_m2(&self, gusts: f64) -> f64 {
+        let rough = self.range_sigma_m * self.range_sigma_m;
+        (rough - gusts * gusts * self.gusts_s).max(LEAST_NOISE * rough)
+    }
+
     /// Variance of range minus reckoned distance, m^2. Noise of the height counts in full, as it does
     /// straight above the tag: were it weighed by the vertical part of the line of sight, tags at the
     /// height of the flight would be rewarded with a narrower distribution.
     #[inline]
-    pub(super) fn variance_m2(&self) -> f64 {
-        self.range_sigma_m * self.range_sigma_m + self.height_sigma_m * self.height_sigma_m
+    pub(super) fn variance_m2(&self, gusts: f64) -> f64 {
+        self.range_variance_m2(gusts) + self.height_sigma_m * self.height_sigma_m
     }
 }
 
@@ -148,6 +161,7 @@ impl Record {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn at(t_s: f64) -> Observation {
         Observation {
@@ -156,6 +170,19 @@ mod tests {
             range_m: 1.0,
             range_sigma_m: 0.1,
             height_sigma_m: 0.0,
+            gusts_s: 0.0,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn belief_in_stronger_gusts_never_leaves_more_noise_nor_none(
+            rough_m in 0.01..0.3f64, gusts_s in 0.0..0.2f64, gusts in 0.0..0.5f64, more in 0.0..0.5f64,
+        ) {
+            let observation = Observation { range_sigma_m: rough_m, gusts_s, ..at(1.0) };
+            let [weak, strong] = [gusts, gusts + more].map(|g| observation.range_variance_m2(g));
+            prop_assert!(strong <= weak && weak <= rough_m * rough_m);
+            prop_assert!(strong >= 0.2 * rough_m * rough_m);
         }
     }
 

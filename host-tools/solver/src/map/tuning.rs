@@ -28,7 +28,7 @@ const PARAMETERS: [Parameter; 4] = [
     Parameter {
         of: |n| &mut n.ins.position_random_walk,
         width: 2.5,
-        limits: 1e-3..=0.2,
+        limits: 1e-3..=0.5,
     },
     Parameter {
         of: |n| &mut n.ins.velocity_random_walk,
@@ -53,7 +53,7 @@ const STEPS: std::ops::RangeInclusive<f64> = 0.1..=0.7;
 
 /// Gusts that are tried now and then whatever the slope says: while they are far below what
 /// accelerometer and ranges leave unsure, the evidence is flat, and no small step finds them. m/sqrt(s).
-const LEAPS: [f64; 3] = [3e-3, 0.03, 0.1];
+const LEAPS: [f64; 4] = [3e-3, 0.03, 0.1, 0.25];
 /// One try in this many is a leap.
 const LEAP_EVERY: usize = 5;
 
