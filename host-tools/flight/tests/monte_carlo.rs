@@ -2,7 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use nova_flight::{
-    Condition, FlightResult, Method, Preset, Row, Settings, Trial, fly_recorded, run, trial_seed,
+    Condition, FlightResult, Method, Plan, Preset, Row, Settings, Trial, fly, fly_recorded, run,
+    trial_seed,
 };
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -129,4 +130,36 @@ fn baselines_that_start_from_the_truth_beat_the_one_that_starts_from_the_guess()
         .collect();
     assert!(rows[0].mean_m < rows[2].mean_m && rows[1].mean_m < rows[2].mean_m);
     assert_eq!(rows[0].time_s, rows[2].time_s, "one flight for all");
+}
+
+/// Flights that earlier forms of the navigator lost by tens of metres: an explanation with strong gusts held a
+/// wrong place, and nothing else was tried; or the sum of Gaussians knew better than the minimum flown by.
+#[test]
+fn flights_that_once_followed_a_phantom_come_down_beside_the_tag() {
+    let wandering = Settings {
+        rw: 0.01,
+        ..Settings::preset(Preset::P)
+    };
+    let hasty = Settings {
+        plan: Plan::Fast,
+        ..wandering.clone()
+    };
+    let held = Settings {
+        wind_xy: 0.35,
+        wind_z: 0.15,
+        wind_hold_s: 0.5,
+        ..Settings::preset(Preset::P)
+    };
+    for (settings, seed) in [(wandering, 8059), (hasty, 8052), (held, 8070)] {
+        let result = fly(&Trial {
+            method: Method::Map,
+            settings,
+            seed,
+        });
+        assert!(
+            result.landed && result.error_m < 1.0,
+            "{seed}: {}",
+            result.error_m
+        );
+    }
 }

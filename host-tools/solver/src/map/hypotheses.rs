@@ -20,7 +20,7 @@ use std::f64::consts::{PI, TAU};
 
 /// Directions of the first search.
 const STARTS: usize = 8;
-/// Ranges whose median is the first search's.
+/// The first search begins from the median of this many ranges.
 const OLDEST: usize = 9;
 /// Starts are at least this part of the range away horizontally.
 const LEAST_SHARE: f64 = 0.3;
@@ -28,7 +28,7 @@ const LEAST_SHARE: f64 = 0.3;
 const HOPELESS: f64 = 12.0;
 /// Noises between which the last metres may have to decide: gusts of any strength, a worse accelerometer.
 const NOISES: [fn(&mut NoiseModel); 9] = [
-    |noise| noise.ins.position_random_walk = 0.003,
+    |noise| noise.ins.position_random_walk = CALM,
     |noise| noise.ins.position_random_walk = 0.03,
     |noise| noise.ins.position_random_walk = 0.06,
     |noise| noise.ins.position_random_walk = 0.1,
@@ -36,7 +36,7 @@ const NOISES: [fn(&mut NoiseModel); 9] = [
     |noise| noise.ins.position_random_walk = 0.25,
     |noise| noise.ins.velocity_random_walk *= 2.0,
     |noise| noise.ins.acceleration_random_walk = 0.003,
-    |noise| noise.ins.acceleration_random_walk = 0.01,
+    |noise| noise.ins.acceleration_random_walk = WANDERING,
 ];
 /// Most explanations that are tried with other noises, and that are sliced.
 const MOST_RETUNED: usize = 4;
@@ -48,13 +48,18 @@ const HEIGHT_TOLERANCE_M: f64 = 1.0;
 /// Newest stretch for a fresh search, seconds, and how many of its ranges are used.
 const FRESH_S: f64 = 15.0;
 const FRESH_RANGES: usize = 60;
+/// Gusts in still air and the strongest that come (0.35 m/s for half a second each are 0.25), m/sqrt(s).
+const CALM: f64 = 3e-3;
+const STRONG: f64 = 0.2;
+/// An accelerometer that wanders, m/s^2/sqrt(s).
+const WANDERING: f64 = 0.01;
 /// What may be wrong with the data sheet. A flight in gusts that dead reckoning does not see, taken
-/// for one in still air, contradicts the right place of the tag first of all. So they begin as strong as
-/// they may come (0.35 m/s for half a second each is 0.25 m/sqrt(s)).
+/// for one in still air, contradicts the right place of the tag first of all; taken for one in stronger gusts it
+/// does not, and the evidence leads the gusts down.
 const BEGINNINGS: [fn(&mut NoiseModel); 3] = [
     |_| {},
-    |noise| noise.ins.position_random_walk = 0.2,
-    |noise| noise.ins.acceleration_random_walk = 0.01,
+    |noise| noise.ins.position_random_walk = STRONG,
+    |noise| noise.ins.acceleration_random_walk = WANDERING,
 ];
 /// Explanations that differ by less than this part of the distance, in the place of the tag and of
 /// the vehicle, are the same.
@@ -161,7 +166,7 @@ impl Hypotheses {
         }
     }
 
-    /// Starts from the circle that the oldest range leaves at the guessed height, in one of
+    /// Starts from the circle that the oldest ranges leave at the guessed height, in one of
     /// [`STARTS`] directions; dead reckoning is taken to be right.
     pub(super) fn try_direction(
         &mut self,
@@ -267,12 +272,31 @@ impl Hypotheses {
         }
     }
 
-    /// Tries the vehicle on the other side of the tag.
-    pub(super) fn try_other_side(&mut self, record: &Record, factors: &mut Vec<Factor>) {
+    /// Tries the best explanation with a worse accelerometer in place of gusts.
+    pub(super) fn try_calm(&mut self, record: &Record, factors: &mut Vec<Factor>) {
+        let calm = |noise: &mut NoiseModel| {
+            noise.ins.position_random_walk = CALM;
+            noise.ins.acceleration_random_walk = WANDERING;
+        };
+        if let Some(best) = self.alive.first()
+            && let Some(other) = best.with_noise(calm, record, factors)
+        {
+            self.alive.push(other);
+            self.judge(record);
+        }
+    }
+
+    /// Tries the vehicle elsewhere, so that the tag is seen at `offset_m(as the best one sees it)`.
+    pub(super) fn try_offset(
+        &mut self,
+        offset_m: impl FnOnce(Vector3<f64>) -> Vector3<f64>,
+        record: &Record,
+        factors: &mut Vec<Factor>,
+    ) {
         let Some(mut copy) = self.alive.first().cloned() else {
             return;
         };
-        copy.reflect_newest(record);
+        copy.lead_newest(record, offset_m);
         if copy.approach_gently(record, factors).is_some() {
             self.alive.push(copy);
         }

@@ -23,8 +23,8 @@ use super::tuning::Tuner;
 use crate::bound::{BIAS, Covariance, STATES};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-/// How far back a reflection reaches, seconds.
-const REFLECT_S: f64 = 4.0;
+/// How far back it reaches that the vehicle is put elsewhere, seconds.
+const LEAD_S: f64 = 4.0;
 
 /// State of one explanation.
 #[derive(Debug)]
@@ -168,21 +168,26 @@ impl Hypothesis {
         tags.max((self.ins_error().0 - other.ins_error().0).norm())
     }
 
-    /// Puts the vehicle on the other side of the tag at the newest range, horizontally, and leads
-    /// the knots of the last seconds there.
-    pub(super) fn reflect_newest(&mut self, record: &Record) {
+    /// Puts the vehicle elsewhere at the newest range, horizontally, so that the tag is seen at
+    /// `offset_m(as it is seen now)`, and leads the knots of the last seconds there.
+    pub(super) fn lead_newest(
+        &mut self,
+        record: &Record,
+        offset_m: impl FnOnce(Vector3<f64>) -> Vector3<f64>,
+    ) {
         let Some(newest) = record.observations().last() else {
             return;
         };
         let (error_m, _) = self.ins_error();
         let sight = self.tag_m() - newest.ins_m + error_m;
+        let shift = offset_m(sight) - sight;
         for (knot, t_s) in self.knots.iter_mut().zip(record.knot_times_s()).rev() {
-            let share = 1.0 - (newest.t_s - t_s) / REFLECT_S;
+            let share = 1.0 - (newest.t_s - t_s) / LEAD_S;
             if share <= 0.0 {
                 break;
             }
-            knot[0] -= 2.0 * share * sight.x;
-            knot[1] -= 2.0 * share * sight.y;
+            knot[0] += share * shift.x;
+            knot[1] += share * shift.y;
         }
     }
 

@@ -1,48 +1,34 @@
 //! The navigator: measurements in, the best explanation and a direction out.
 
+mod doubt;
+mod steering;
+
 use super::elimination::Factor;
-use super::forecast::Forecast;
-use super::guidance::{self, AHEAD_M, Approach, CENTRE_BELOW_M};
 use super::hypotheses::Hypotheses;
 use super::hypothesis::Hypothesis;
 use super::mixture::{Mixture, Moments};
 use super::noise::NoiseModel;
-use super::options::{MapOptions, Plan};
+use super::options::MapOptions;
 use super::planner::Planner;
 use super::record::{Observation, Record};
 use super::roughness::Roughness;
-use crate::ins_error::InsNoise;
 use crate::navigation::{
     Action, Command, Doubts, Estimate, FirstGuess, InputFault, InputGate, InsError, InsSample,
     Navigator, Phase, RangeSample,
 };
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 /// Ranges that are waited for before the search begins.
 const SEARCH_AFTER: usize = 25;
 /// Gauss-Newton steps an update.
 const STEPS: u32 = 2;
-/// How often other explanations are looked for, seconds: in the beginning, and later.
-const OFTEN_S: f64 = 0.5;
-const SELDOM_S: f64 = 1.0;
 /// How long the beginning lasts, seconds.
 const YOUNG_S: f64 = 20.0;
-/// The runner-up counts as a competitor within this cost of the best.
-const COMPETES: f64 = 7.0;
 /// A direction is unmeasured if its sigma exceeds this part of the distance.
 const WEAK_SHARE: f64 = 0.25;
 /// A path narrower than this part of its length is straight: it leaves a ring of places, and errors
 /// of dead reckoning decide among them.
 const STRAIGHT: f64 = 0.15;
-/// The tag's place is vague while a sigma, or the distance to a rival, exceeds this part of the
-/// distance.
-const VAGUE_SHARE: f64 = 0.06;
-/// Not less than this, metres.
-const VAGUE_FROM_M: f64 = 0.7;
-/// Longest exploration, seconds.
-const EXPLORE_S: f64 = 25.0;
-/// Height above the first guess that is kept while far from the tag, metres.
-const CLEARANCE_M: f64 = 8.0;
 /// Ranges shorter than this are not used, metres: their direction is as unsure as the place itself,
 /// so a linearised range would tell more than it knows.
 const NEAREST_M: f64 = 0.5;
@@ -56,16 +42,6 @@ const COMPACT_SHARE: f64 = 0.15;
 const LOST: f64 = 15.0;
 /// Ranges further apart than this are not a series, seconds.
 const LONGEST_PAUSE_S: f64 = 0.5;
-/// Height below which every range leads to an update, metres.
-const LOW_M: f64 = 8.0;
-
-/// Path length over that of flying horizontally and then down, less one.
-fn overhead(plan: Plan) -> f64 {
-    match plan {
-        Plan::Careful => 0.04,
-        Plan::Fast => -0.2,
-    }
-}
 
 /// Maximum a posteriori estimation of tag, range bias and dead reckoning's error over the whole
 /// flight, and a flight that serves it. The module's text says how.
@@ -203,8 +179,8 @@ impl MapNavigator {
             self.hypotheses.start(record, &mut self.factors);
         }
         self.hypotheses.update(record, STEPS, &mut self.factors);
-        let sure = self.hypotheses.best().is_some_and(|best| !self.vague(best));
-        if self.options.adapt_noise && sure {
+        let ready = self.hypotheses.best().is_some_and(|best| !self.vague(best));
+        if self.options.adapt_noise && ready {
             self.hypotheses.tune_best(record, &mut self.factors);
         }
         self.updates += 1;
@@ -252,151 +228,8 @@ impl MapNavigator {
         known && !young && compact()
     }
 
-    /// Looks for other explanations, often at first and now and then later.
-    fn doubt(&mut self) {
-        let (Some(record), Some(start)) = (&self.record, self.start) else {
-            return;
-        };
-        let newest_s = record.knot_times_s().last().copied().unwrap_or(start.t_s);
-        let low = self.low();
-        let pause_s = if low || newest_s - start.t_s < YOUNG_S {
-            OFTEN_S
-        } else {
-            SELDOM_S
-        };
-        if newest_s - self.doubted_s < pause_s {
-            return;
-        }
-        self.doubted_s = newest_s;
-        self.doubts = self.doubts.wrapping_add(1);
-        // Far away the tag may be elsewhere; near it, the vehicle.
-        match (low, self.doubts % 3) {
-            (false, 0) => self.hypotheses.try_image(record, &mut self.factors),
-            (false, 1) => self.hypotheses.try_fresh(record, &mut self.factors),
-            (false, _) => self
-                .hypotheses
-                .try_direction(self.doubts / 3, record, &mut self.factors),
-            (true, 0) => self.hypotheses.try_anew(record, &mut self.factors),
-            (true, _) => self.hypotheses.try_other_side(record, &mut self.factors),
-        }
-    }
-
-    fn steer(&mut self, t_s: f64) {
-        let (Some(best), Some(ins_m), Some(start)) =
-            (self.hypotheses.best(), self.ins_at(t_s), self.start)
-        else {
-            return;
-        };
-        let (position_m, velocity_m_s) = best.ins_error();
-        // By the best explanation, not by the mean of all: a vehicle between two places that the tag
-        // may have learns nothing, one that goes to either does.
-        let ins_error = InsError {
-            t_s: self.newest().map_or(t_s, |o| o.t_s),
-            position_m,
-            velocity_m_s,
-        };
-        let vehicle_m = ins_m - ins_error.at(t_s);
-        let tag_m = best.tag_m();
-        let offset_m = vehicle_m - tag_m;
-        let to_tag = tag_m - start.position_m;
-        let whole_m = (to_tag.xy().norm() + to_tag.z.abs()) * (1.0 + overhead(self.options.plan));
-        let left_m = whole_m - self.options.speed_m_s * (t_s - start.t_s);
-        let vague = self.vague(best);
-        let mut approach = Approach {
-            offset_m,
-            sigma_m: guidance::horizontal_sigma_m(&self.offset_covariance(best)),
-            path_left_m: left_m,
-            spare_m: vehicle_m.z - self.guess.tag_m.z - CLEARANCE_M,
-            landing: self.phase == Phase::Landing && offset_m.z < CENTRE_BELOW_M,
-        };
-        approach.landing = !vague && approach.may_land();
-        let exploring = vague && t_s - start.t_s < EXPLORE_S;
-        // Not with a search for other explanations in the same range: an answer is wanted soon.
-        let searched = self.newest().is_some_and(|o| o.t_s == self.doubted_s);
-        if !(exploring || approach.landing || searched) && self.planner.is_due(t_s) {
-            let forecast = self.forecast(best, t_s - start.t_s);
-            self.planner.choose(t_s, &forecast, approach);
-        }
-        self.phase = match () {
-            () if approach.landing => Phase::Landing,
-            () if offset_m.z < self.planner.shape().gate_m => Phase::Final,
-            () => Phase::MidFlight,
-        };
-        let waypoint_m = if exploring {
-            let toward = self.guess.tag_m - start.position_m;
-            vehicle_m + guidance::exploration(toward, t_s - start.t_s, approach.spare_m) * AHEAD_M
-        } else {
-            tag_m + approach.waypoint_m(self.planner.shape())
-        };
-        self.command = Command {
-            id: self.command.id.wrapping_add(1),
-            action: if approach.landing {
-                Action::Land
-            } else {
-                Action::Fly
-            },
-            waypoint_m,
-            ins_error,
-        };
-    }
-
-    /// What can be expected of a flight from here, `flown_s` after its start.
-    fn forecast(&self, best: &Hypothesis, flown_s: f64) -> Forecast {
-        Forecast {
-            ins: InsNoise {
-                height_sigma_m: self.height_roughness.sigma(),
-                ..best.noise().ins
-            },
-            covariance: self
-                .close
-                .map_or_else(|| best.bound_covariance(), |close| close.covariance),
-            range_sigma_m: self.newest().map_or(0.0, |newest| newest.range_sigma_m),
-            range_rate_hz: self.ranges as f64 / flown_s.max(1.0),
-            nearest_m: NEAREST_M,
-            speed_m_s: self.options.speed_m_s,
-        }
-    }
-
-    /// Whether flying at the best explanation would be flying at a phantom.
-    fn vague(&self, best: &Hypothesis) -> bool {
-        let limit_m = self
-            .newest()
-            .map_or(0.0, |o| VAGUE_SHARE * (best.tag_m() - o.ins_m).norm())
-            .max(VAGUE_FROM_M);
-        let variance = self.offset_covariance(best).symmetric_eigenvalues().max();
-        let wide = variance > limit_m * limit_m;
-        // The mixture's width holds the rivals.
-        if self.close.is_some() {
-            return wide;
-        }
-        let rival = self
-            .rival(best)
-            .is_some_and(|rival| rival.distance_m(best) > limit_m);
-        rival || wide
-    }
-
-    /// Covariance of the way from vehicle to tag.
-    fn offset_covariance(&self, best: &Hypothesis) -> Matrix3<f64> {
-        self.close
-            .map_or_else(|| best.relative_covariance(), |close| close.covariance_m2)
-    }
-
-    fn low(&self) -> bool {
-        let (Some(best), Some(newest)) = (self.hypotheses.best(), self.newest()) else {
-            return false;
-        };
-        self.phase != Phase::Initial && vehicle_m(best, newest).z - best.tag_m().z < LOW_M
-    }
-
     fn newest(&self) -> Option<&Observation> {
         self.record.as_ref()?.observations().last()
-    }
-
-    /// The runner-up, if it competes with the best.
-    fn rival(&self, best: &Hypothesis) -> Option<&Hypothesis> {
-        self.hypotheses
-            .second()
-            .filter(|second| second.score() - best.score() < COMPETES)
     }
 }
 
