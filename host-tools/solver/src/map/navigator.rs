@@ -29,6 +29,9 @@ const WEAK_SHARE: f64 = 0.25;
 /// A path narrower than this part of its length is straight: it leaves a ring of places, and errors
 /// of dead reckoning decide among them.
 const STRAIGHT: f64 = 0.15;
+/// A path whose standard deviation is less than this part of the distance is none: so far dead reckoning
+/// drifts while the vehicle stands still, and what looks like a direction to the tag is that drift's.
+const SHORT: f64 = 0.03;
 /// Ranges shorter than this are not used, metres: their direction is as unsure as the place itself,
 /// so a linearised range would tell more than it knows.
 const NEAREST_M: f64 = 0.5;
@@ -313,6 +316,7 @@ impl Navigator for MapNavigator {
         };
         let distance_m = (best.tag_m() - vehicle_m).norm();
         let rival = self.rival(best);
+        let (narrowness, length_m) = record.width_over_length_and_length_m();
         let largest = covariance.symmetric_eigenvalues().max().max(0.0).sqrt();
         Some(Estimate {
             t_s,
@@ -324,7 +328,8 @@ impl Navigator for MapNavigator {
             range_sigma_m: Some(newest.range_sigma_m),
             doubts: Doubts {
                 weak_geometry: largest > WEAK_SHARE * distance_m.max(1.0)
-                    || record.width_over_length() < STRAIGHT,
+                    || narrowness < STRAIGHT
+                    || length_m < SHORT * distance_m,
                 ambiguous: rival.is_some(),
                 ..self.gate.doubts()
             },

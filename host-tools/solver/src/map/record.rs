@@ -128,11 +128,16 @@ impl Record {
         (centre, spread)
     }
 
-    /// Width of the path across its long axis over its length: small for a straight one.
-    pub(super) fn width_over_length(&self) -> f64 {
+    /// Width of the path across its long axis over its length, small for a straight one, and the length:
+    /// standard deviation along that axis, metres.
+    pub(super) fn width_over_length_and_length_m(&self) -> (f64, f64) {
         let mut squares = self.spread().1.symmetric_eigenvalues();
         squares.as_mut_slice().sort_by(f64::total_cmp);
-        (squares[1].max(0.0) / squares[2].max(f64::MIN_POSITIVE)).sqrt()
+        let longest = squares[2].max(f64::MIN_POSITIVE);
+        (
+            (squares[1].max(0.0) / longest).sqrt(),
+            (longest / self.observations.len().max(1) as f64).sqrt(),
+        )
     }
 
     /// Reckoned height of the lowest range ever.
