@@ -1,6 +1,8 @@
-//! Files that are either whole or as they were.
+//! Files that are written either whole or not at all, and TOML files, whose faults are said with their line.
 
+use crate::error::bad_input;
 use anyhow::{Context, Result};
+use serde::de::DeserializeOwned;
 use std::io;
 use std::path::Path;
 
@@ -9,6 +11,24 @@ use std::path::Path;
 /// a terminal, is written to as it is; a link keeps pointing where it points.
 pub(crate) fn write_whole(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     write(path, content.as_ref()).with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Reads a TOML file.
+///
+/// # Errors
+/// `BadInput` with the file's name, the line and what is wrong there.
+pub(crate) fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    let shown = path.display();
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| bad_input!("{shown}: cannot be read: {error}"))?;
+    toml::from_str(&text).map_err(|error| {
+        let start = error.span().map_or(0, |span| span.start);
+        let line = 1 + text.bytes().take(start).filter(|&b| b == b'\n').count();
+        bad_input!(
+            "{shown}: line {line}: {}",
+            error.message().replace('\n', ", ")
+        )
+    })
 }
 
 fn write(path: &Path, content: &[u8]) -> io::Result<()> {

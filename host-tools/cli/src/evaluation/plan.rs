@@ -21,6 +21,7 @@
 //! the condition's own method is shown what that flight measured.
 
 use crate::error::bad_input;
+use crate::files::read_toml;
 use crate::settings;
 use anyhow::Result;
 use nova_flight::{Condition, Method, Preset, Settings};
@@ -63,16 +64,7 @@ impl Plan {
     /// Reads a table.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let shown = path.display();
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| bad_input!("{shown}: cannot be read: {error}"))?;
-        let file: File = toml::from_str(&text).map_err(|error| {
-            let start = error.span().map_or(0, |span| span.start);
-            let line = 1 + text.bytes().take(start).filter(|&b| b == b'\n').count();
-            bad_input!(
-                "{shown}: line {line}: {}",
-                error.message().replace('\n', ", ")
-            )
-        })?;
+        let file: File = read_toml(path)?;
         file.plan().map_err(|error| bad_input!("{shown}: {error}"))
     }
 

@@ -4,6 +4,7 @@ mod page;
 mod report;
 
 use crate::error::bad_input;
+use crate::files::read_toml;
 use crate::screen;
 use anyhow::Result;
 use nova_flight::tracking::{
@@ -157,16 +158,7 @@ impl Track {
 
 fn read(path: &Path) -> Result<TrackingScene> {
     let shown = path.display();
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| bad_input!("{shown}: cannot be read: {error}"))?;
-    let scene: TrackingScene = toml::from_str(&text).map_err(|error| {
-        let start = error.span().map_or(0, |span| span.start);
-        let line = 1 + text.bytes().take(start).filter(|&b| b == b'\n').count();
-        bad_input!(
-            "{shown}: line {line}: {}",
-            error.message().replace('\n', ", ")
-        )
-    })?;
+    let scene: TrackingScene = read_toml(path)?;
     scene
         .validate()
         .map_err(|error| bad_input!("{shown}: {error}"))?;
