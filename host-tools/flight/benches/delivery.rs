@@ -7,11 +7,9 @@
 #![allow(missing_docs, clippy::unwrap_used)] // criterion's macros
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use nalgebra::Vector3;
 use nova_flight::delivery::{Event, FilterKind, Lander, Scenario, deliver};
-use nova_solver::delivery::{
-    FieldOptions, LandingFilter, Mission, MissionOptions, Situation, VectorField,
-};
+use nova_solver::delivery::{LandingFilter, Mission, Situation};
+use nova_solver::navigation::horizontal_sigma_m;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -52,26 +50,8 @@ impl Told {
 
     /// The whole flight; how long each step took goes to `took`.
     fn fly(&self, mut took: impl FnMut(Duration)) {
-        let path = self.scenario.path().unwrap();
-        let options = FieldOptions {
-            convergence_per_m: self.scenario.convergence_per_m,
-            speeds_m_s: self.scenario.speeds_m_s,
-            ..FieldOptions::default()
-        };
-        let field = VectorField::new(path, options);
-        let mut mission = Mission::new(MissionOptions {
-            length_m: field.path().along_m(&Vector3::zeros()),
-            retry_height_m: 15.0,
-            decision_height_m: 3.0,
-            most_sigma_m: 0.3,
-            tries: 3,
-            lost_s: 1.0,
-            local_lost_s: 3.0,
-            longest_hold_s: 15.0,
-            low_battery: 0.35,
-            empty_battery: 0.1,
-            fence_m: 10.0,
-        });
+        let field = self.scenario.field().unwrap();
+        let mut mission = Mission::new(self.scenario.mission_options(field.path()));
         let mut lander = self.lander.clone();
         for (number, step) in self.steps.iter().enumerate() {
             let begin = Instant::now();
@@ -80,13 +60,11 @@ impl Told {
             }
             let filter = lander.filter();
             let place_m = filter.pose().position_m;
-            let horizontal = filter.position_covariance_m2();
-            let horizontal = horizontal.fixed_view::<2, 2>(0, 0).into_owned();
             let order = mission.step(&Situation {
                 t_s: number as f64 / RATE_HZ,
                 along_m: field.path().along_m(&place_m),
                 height_m: place_m.z,
-                sigma_m: horizontal.symmetric_eigenvalues().max().sqrt(),
+                sigma_m: horizontal_sigma_m(&filter.position_covariance_m2()),
                 off_path_m: field.path().distance_m(&place_m),
                 gps_age_s: 0.0,
                 local_age_s: 0.0,

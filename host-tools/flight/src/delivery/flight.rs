@@ -7,9 +7,10 @@ use super::scenario::{FilterKind, Scenario, ScenarioFault};
 use super::sensors::Sensors;
 use nalgebra::Vector3;
 use nova_solver::delivery::{
-    FieldOptions, LandingFilter, Measurement, Mission, MissionOptions, Order, Pose, Situation,
-    State, Trouble, VectorField, Verdict,
+    LandingFilter, Measurement, Mission, Order, Pose, Situation, State, Trouble, VectorField,
+    Verdict,
 };
+use nova_solver::navigation::horizontal_sigma_m;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -74,9 +75,12 @@ pub fn deliver(
     seed: u64,
     mut watch: impl FnMut(&Event),
 ) -> Result<DeliveryResult, ScenarioFault> {
-    let path = scenario.path()?;
+    let field = scenario.field()?;
     let mut sensors = Sensors::new(scenario, seed);
-    let start = Craft::on_ground(path.start_m(), scenario.vehicle_kg + scenario.package_kg);
+    let start = Craft::on_ground(
+        field.path().start_m(),
+        scenario.vehicle_kg + scenario.package_kg,
+    );
     // The first word of GPS is where the filter begins.
     let first = (sensors.measure(0, 0.0, TICK_S, &start.pose()).iter())
         .find_map(|timed| match timed.measurement {
@@ -93,14 +97,6 @@ pub fn deliver(
     let begin = Begin::new(scenario.filter, &first, scenario.gps_bias_m);
     let lander = begin.lander()?;
     watch(&Event::Begin(begin));
-    let field = VectorField::new(
-        path,
-        FieldOptions {
-            convergence_per_m: scenario.convergence_per_m,
-            speeds_m_s: scenario.speeds_m_s,
-            ..FieldOptions::default()
-        },
-    );
     let flight = Flight {
         scenario,
         field,
@@ -126,7 +122,7 @@ impl<W: FnMut(&Event)> Flight<'_, W> {
         let times_are_known = self.scenario.filter == FilterKind::ErrorState;
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(10);
-        let mut mission = Mission::new(self.mission_options());
+        let mut mission = Mission::new(self.scenario.mission_options(self.field.path()));
         let mut result = DeliveryResult {
             touchdown_m: None,
             off_centre_m: None,
@@ -161,13 +157,11 @@ impl<W: FnMut(&Event)> Flight<'_, W> {
             let place_m = filter.filter().pose().position_m;
             let path = self.field.path();
             let released = release_begin_s.is_some_and(|begin_s| t_s - begin_s >= RELEASE_S);
-            let covariance = filter.filter().position_covariance_m2();
-            let horizontal = covariance.fixed_view::<2, 2>(0, 0).into_owned();
             let order = mission.step(&Situation {
                 t_s,
                 along_m: path.along_m(&place_m),
                 height_m: place_m.z,
-                sigma_m: horizontal.symmetric_eigenvalues().max().sqrt(),
+                sigma_m: horizontal_sigma_m(&filter.filter().position_covariance_m2()),
                 off_path_m: path.distance_m(&place_m),
                 gps_age_s: t_s - gps_s,
                 local_age_s: t_s - local_s,
@@ -260,28 +254,6 @@ impl<W: FnMut(&Event)> Flight<'_, W> {
         } else {
             error(truth.x, truth.y)
         });
-    }
-
-    fn mission_options(&self) -> MissionOptions {
-        let s = self.scenario;
-        let path = self.field.path();
-        MissionOptions {
-            length_m: path.along_m(&Vector3::zeros()),
-            retry_height_m: (s.height_m - s.radius_m).min(15.0),
-            decision_height_m: if s.land_by_gps {
-                f64::NEG_INFINITY
-            } else {
-                3.0
-            },
-            most_sigma_m: 0.3,
-            tries: 3,
-            lost_s: 1.0,
-            local_lost_s: 3.0,
-            longest_hold_s: 15.0,
-            low_battery: 0.35,
-            empty_battery: 0.1,
-            fence_m: 10.0,
-        }
     }
 }
 

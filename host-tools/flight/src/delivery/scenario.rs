@@ -1,7 +1,8 @@
 //! What a delivery can be told.
 
 use super::recording::RecordFault;
-use nova_solver::delivery::{DeliveryPath, PathFault};
+use nalgebra::Vector3;
+use nova_solver::delivery::{DeliveryPath, FieldOptions, MissionOptions, PathFault, VectorField};
 use serde::{Deserialize, Serialize};
 
 /// Which filter lands.
@@ -167,5 +168,39 @@ impl Scenario {
             self.radius_m,
             self.distance_m,
         )?)
+    }
+
+    /// The field that leads along its path.
+    ///
+    /// # Errors
+    /// As [`Scenario::path`].
+    pub fn field(&self) -> Result<VectorField, ScenarioFault> {
+        let options = FieldOptions {
+            convergence_per_m: self.convergence_per_m,
+            speeds_m_s: self.speeds_m_s,
+            ..FieldOptions::default()
+        };
+        Ok(VectorField::new(self.path()?, options))
+    }
+
+    /// What the mission goes by along its path.
+    pub fn mission_options(&self, path: &DeliveryPath) -> MissionOptions {
+        MissionOptions {
+            length_m: path.along_m(&Vector3::zeros()),
+            retry_height_m: (self.height_m - self.radius_m).min(15.0),
+            decision_height_m: if self.land_by_gps {
+                f64::NEG_INFINITY
+            } else {
+                3.0
+            },
+            most_sigma_m: 0.3,
+            tries: 3,
+            lost_s: 1.0,
+            local_lost_s: 3.0,
+            longest_hold_s: 15.0,
+            low_battery: 0.35,
+            empty_battery: 0.1,
+            fence_m: 10.0,
+        }
     }
 }

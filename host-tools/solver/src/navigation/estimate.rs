@@ -55,3 +55,10 @@ pub struct Estimate {
     /// What speaks against it.
     pub doubts: Doubts,
 }
+
+/// Standard deviation along the worst horizontal direction (m), of a covariance of a place (m^2). NaN where that has none, so that
+/// no limit is kept.
+pub fn horizontal_sigma_m(covariance_m2: &Matrix3<f64>) -> f64 {
+    let horizontal = covariance_m2.fixed_view::<2, 2>(0, 0).into_owned();
+    horizontal.symmetric_eigenvalues().max().sqrt()
+}

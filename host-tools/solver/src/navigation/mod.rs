@@ -21,7 +21,7 @@ mod gate;
 mod sample;
 
 pub use command::{Action, Command, InsError};
-pub use estimate::{Doubts, Estimate, Phase};
+pub use estimate::{Doubts, Estimate, Phase, horizontal_sigma_m};
 pub use gate::InputGate;
 pub use sample::{FirstGuess, InputFault, InsSample, RangeSample};
 

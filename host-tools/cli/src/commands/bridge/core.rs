@@ -20,8 +20,8 @@ use crate::mavlink::vehicle::{self, Vehicle};
 use crate::peer::Peer;
 use mavlink::MavHeader;
 use mavlink::dialects::common::MavMessage;
-use nalgebra::{Matrix3, Vector3};
-use nova_solver::navigation::{Action, Estimate, InsSample};
+use nalgebra::Vector3;
+use nova_solver::navigation::{Action, Estimate, InsSample, horizontal_sigma_m};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -389,10 +389,4 @@ fn updates(guided: &Guided) -> u64 {
     guided
         .navigator()
         .map_or(0, |navigator| navigator.updates())
-}
-
-/// Along the worst horizontal direction.
-fn horizontal_sigma_m(covariance: &Matrix3<f64>) -> f64 {
-    let horizontal = covariance.fixed_view::<2, 2>(0, 0).into_owned();
-    horizontal.symmetric_eigenvalues().max().sqrt()
 }
