@@ -76,7 +76,8 @@ impl Row {
     }
 }
 
-fn mean(values: &[f64]) -> Option<f64> {
+/// `None` of nothing.
+pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 

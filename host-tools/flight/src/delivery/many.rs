@@ -2,6 +2,7 @@
 
 use super::flight::{DeliveryResult, deliver};
 use super::scenario::{Scenario, ScenarioFault};
+use crate::statistics::mean;
 use crate::streams::trial_seed;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -47,23 +48,19 @@ pub fn deliver_many(
         .collect::<Result<_, _>>()?;
     let off: Vec<f64> = results.iter().filter_map(|r| r.off_centre_m).collect();
     let errors: Vec<f64> = results.iter().filter_map(|r| r.estimate_error_m).collect();
-    let mean = mean(&off);
+    let mean_m = mean(&off);
     let row = DeliveryRow {
         trials: results.len(),
         landed: off.len(),
         on_platform: results.iter().filter(|r| r.on_platform).count(),
         delivered: results.iter().filter(|r| r.delivered).count(),
-        off_centre_m: mean,
-        off_centre_spread_m: mean.and_then(|mean| {
-            let squares: f64 = off.iter().map(|o| (o - mean).powi(2)).sum();
+        off_centre_m: mean_m,
+        off_centre_spread_m: mean_m.and_then(|mean_m| {
+            let squares: f64 = off.iter().map(|o| (o - mean_m).powi(2)).sum();
             (off.len() > 1).then(|| (squares / (off.len() - 1) as f64).sqrt())
         }),
         off_centre_most_m: off.iter().copied().reduce(f64::max),
-        estimate_error_m: self::mean(&errors),
+        estimate_error_m: mean(&errors),
     };
     Ok((row, results))
-}
-
-fn mean(numbers: &[f64]) -> Option<f64> {
-    (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / numbers.len() as f64)
 }
