@@ -233,9 +233,10 @@ fn interrupted_runs_leave_the_files_as_they_were() {
             .spawn()
             .unwrap();
         std::fs::write(&table, TABLE).unwrap();
-        kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+        // Ctrl-C's own signal is ignored by whatever a script starts in the background.
+        kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
         let status = child.wait().unwrap();
-        assert_eq!(status.signal(), Some(Signal::INT.as_raw()), "{piece:?}");
+        assert_eq!(status.signal(), Some(Signal::TERM.as_raw()), "{piece:?}");
         assert_eq!(nova.files(), ["rows", "table.toml"]);
         let rows = std::fs::read_to_string(nova.folder.path().join("rows"));
         assert_eq!(rows.unwrap(), "of an earlier run");
