@@ -7,7 +7,9 @@ mod recordings;
 
 use nalgebra::Vector3;
 use nova_solver::SolveError;
-use nova_solver::positioning::{RangeDifference, TdoaFix, TdoaOptions, locate_tdoa};
+use nova_solver::positioning::{
+    RangeDifference, TdoaFix, TdoaOptions, closed_form_differences, locate_tdoa,
+};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -147,6 +149,45 @@ proptest! {
         // The correlation in time of what was turned is another, and with it the noise.
         prop_assert!((one.position_m - other.position_m).norm() < 0.5 * one.covariance_m2.trace().sqrt());
         prop_assert!(one.covariance_m2.cholesky().is_some());
+    }
+
+    #[test]
+    fn the_closed_form_finds_the_place_that_the_iterative_one_finds(
+        seed in 0u64..10_000, count in 4usize..9, flat in any::<bool>(), star in any::<bool>(),
+    ) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut anchors = room(&mut rng);
+        // Four corners of the ceiling and floor in turn, so that any number of them is spread out.
+        anchors.sort_by_key(|a| [(a.x * a.y * (a.z - 1.5) > 0.0), a.z > 1.5]);
+        anchors.truncate(count);
+        if flat {
+            anchors.iter_mut().for_each(|a| a.z = 2.5);
+        }
+        let tag = Vector3::new(rng.random_range(-3.0..3.0), rng.random_range(-3.0..3.0), rng.random_range(0.2..1.8));
+        let exact = |a: usize, b: usize| RangeDifference {
+            anchors_m: [anchors[a], anchors[b]],
+            difference_m: (tag - anchors[b]).norm() - (tag - anchors[a]).norm(),
+            sigma_m: 0.1,
+        };
+        let given: Vec<_> = if star {
+            // Of one base anchor, as in the paper; twice, since the iterative one wants four.
+            [0, 0].iter().flat_map(|_| (1..count).map(|b| exact(0, b))).collect()
+        } else {
+            (0..count).flat_map(|a| (0..count).filter(move |b| *b != a).map(move |b| (a, b))).map(|(a, b)| exact(a, b)).collect()
+        };
+        let places = closed_form_differences(&given);
+        let nearest = places.iter().map(|p| (p - tag).norm()).fold(f64::INFINITY, f64::min);
+        prop_assert!(places.len() <= 2 && nearest < 1e-6, "{:?}", places);
+        let fix = locate_tdoa(&given, &TdoaOptions::default()).unwrap();
+        let told = [Some(fix.position_m), fix.alternative_m];
+        let off = told.iter().flatten().map(|p| (p - tag).norm()).fold(f64::INFINITY, f64::min);
+        prop_assert!(off < 1e-3, "{:?} {}", fix, tag);
+        // Anchors in a plane cannot tell the place from its image; heights can.
+        if flat {
+            let below = TdoaOptions { heights_m: Some([0.0, 2.4]), ..TdoaOptions::default() };
+            let fix = locate_tdoa(&given, &below).unwrap();
+            prop_assert!((fix.position_m - tag).norm() < 1e-3 && fix.alternative_m.is_none(), "{:?} {}", fix, tag);
+        }
     }
 
     #[test]

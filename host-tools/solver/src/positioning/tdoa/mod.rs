@@ -3,8 +3,9 @@
 //! ```text
 //! d_k = |p - b_k| - |p - a_k| + o_b - o_a + noise        o_i ~ N(0, tau^2): what anchor i is off by
 //!
-//!  differences ─► search from nine starts, o = 0 ─► offsets.rs: p and o together, tau from the data
-//!                 (scale found along the way)        └► covariance
+//!  differences ─► closed form, nine starts ─► search, o = 0 ─► offsets.rs: p and o together, tau from the data
+//!                 (scale found along the way)   │               └► covariance
+//!                                               └► another place that fits as well
 //! ```
 //!
 //! Recorded differences of one pair of anchors scatter by some 6 cm, about a value that is off by more than
@@ -15,7 +16,10 @@
 //!
 //! Robust all along: among recorded differences are errors of a hundred metres.
 
+mod closed_form;
 mod offsets;
+
+pub use closed_form::closed_form_differences;
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -45,6 +49,9 @@ pub struct TdoaOptions {
     /// delays and a tape measure leave. Believed as if it had been found from one anchor: where the
     /// differences say otherwise, they win.
     pub offset_sigma_m: f64,
+    /// Lowest and highest place that can be, metres. Four anchors, or anchors in a plane, leave two places:
+    /// of a tag in a room one of them is often outside.
+    pub heights_m: Option<[f64; 2]>,
 }
 
 impl Default for TdoaOptions {
@@ -52,6 +59,7 @@ impl Default for TdoaOptions {
         Self {
             kernel: Kernel::default(),
             offset_sigma_m: 0.1,
+            heights_m: None,
         }
     }
 }
@@ -63,6 +71,8 @@ pub struct TdoaFix {
     pub position_m: Vector3<f64>,
     /// Of that in the anchors' frame, noise and offsets together, square metres.
     pub covariance_m2: Matrix3<f64>,
+    /// Another place that fits hardly worse, if there is one: the differences cannot tell.
+    pub alternative_m: Option<Vector3<f64>>,
     /// Each anchor and what its end of a difference reads too long, metres; only their differences can be
     /// known.
     pub offsets_m: Vec<(Vector3<f64>, f64)>,
@@ -76,12 +86,16 @@ pub struct TdoaFix {
 
 /// Beyond so many standard deviations a difference is counted as an outlier.
 const OUTLIER_SIGMAS: f64 = 3.0;
+/// Another place counts where it is a hundred times less likely at most: the log of that.
+const LIKELY: f64 = 4.6;
+/// A second place is another one where it is further than so many standard deviations from the first.
+const APART_SIGMAS: f64 = 3.0;
 
 /// The tag's place from differences in order of time.
 ///
 /// # Errors
 /// [`SolveError`] for numbers that cannot be meant, for fewer than four differences, and where no
-/// place of finite cost was found or the differences do not determine one.
+/// place of finite cost was found, none lies within the heights given, or the differences do not determine one.
 pub fn locate_tdoa(
     differences: &[RangeDifference],
     options: &TdoaOptions,
@@ -112,13 +126,43 @@ pub fn locate_tdoa(
         }
         (p, scale)
     };
-    let (p, scale) = starts(differences)
+    let allowed = |p: &Vector3<f64>| match options.heights_m {
+        Some([low, high]) => (low..=high).contains(&p.z),
+        None => true,
+    };
+    let settled: Vec<(Vector3<f64>, f64)> = starts(differences)
         .into_iter()
         .map(settle)
         .filter(|(p, scale)| p.iter().all(|v| v.is_finite()) && scale.is_finite())
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .ok_or(SolveError::Diverged)?;
-    offsets::with_offsets(differences, options, p, scale).ok_or(SolveError::Diverged)
+        .collect();
+    let best = |of: &dyn Fn(&Vector3<f64>) -> bool| {
+        (settled.iter().copied())
+            .filter(|(p, _)| of(p))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let Some((p, scale)) = best(&allowed) else {
+        return Err(match best(&|_| true) {
+            Some((p, _)) => SolveError::OutsideHeights { height_m: p.z },
+            None => SolveError::Diverged,
+        });
+    };
+    let mut fix =
+        offsets::with_offsets(differences, options, p, scale).ok_or(SolveError::Diverged)?;
+    // How likely places are compares at one scale, and none is known better than it was promised.
+    let scale = scale.max(1.0);
+    let cost = |p: &Vector3<f64>| -> f64 {
+        let rho = |r: f64| 0.5 * kernel.rho_and_weight((r / scale).powi(2)).0;
+        whitened(p).into_iter().map(rho).sum()
+    };
+    let limit = cost(&p) + LIKELY;
+    let apart_m = APART_SIGMAS * fix.covariance_m2.trace().max(0.0).sqrt();
+    fix.alternative_m = (settled.iter().map(|(place, _)| *place))
+        .filter(|other| allowed(other) && (other - p).norm() > apart_m)
+        .map(|other| (cost(&other), other))
+        .filter(|(cost, _)| *cost <= limit)
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, other)| other);
+    Ok(fix)
 }
 
 /// Residuals that happen to vanish are not taken for the best radio in the world.
@@ -142,6 +186,13 @@ fn check(differences: &[RangeDifference], options: &TdoaOptions) -> Result<(), S
         });
     }
     let usable = |length: &f64| length.abs() <= LARGEST_LENGTH_M;
+    let ordered = |[low, high]: [f64; 2]| low < high;
+    if options.heights_m.is_some_and(|heights| !ordered(heights)) {
+        return Err(SolveError::BadOption {
+            name: "heights_m",
+            why: "not two heights, the lower first",
+        });
+    }
     for (index, d) in differences.iter().enumerate() {
         let fault = if !d.anchors_m.iter().all(|a| a.iter().all(usable)) {
             MeasurementFault::Position
@@ -158,7 +209,7 @@ fn check(differences: &[RangeDifference], options: &TdoaOptions) -> Result<(), S
 }
 
 /// `|p - b| - |p - a| - d` and its gradient `u_b - u_a`.
-fn misfit(d: &RangeDifference, p: &Vector3<f64>) -> (f64, Vector3<f64>) {
+pub(super) fn misfit(d: &RangeDifference, p: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let [a, b] = d.anchors_m.map(|anchor| p - anchor);
     let unit = |v: Vector3<f64>| v.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
     (b.norm() - a.norm() - d.difference_m, unit(b) - unit(a))
@@ -186,14 +237,15 @@ impl LeastSquares<3> for Problem<'_> {
     }
 }
 
-/// The middle of the anchors and the corners of a box half as large as theirs.
+/// What the closed form finds, the middle of the anchors, and the corners of a box half as large as theirs.
 fn starts(differences: &[RangeDifference]) -> Vec<Vector3<f64>> {
     let anchors = || differences.iter().flat_map(|d| d.anchors_m);
     let far = f64::INFINITY;
     let low = anchors().fold(Vector3::repeat(far), |low, a| low.inf(&a));
     let high = anchors().fold(Vector3::repeat(-far), |high, a| high.sup(&a));
     let (middle, half) = ((low + high) * 0.5, (high - low) * 0.25);
-    let mut starts = vec![middle];
+    let mut starts = closed_form_differences(differences);
+    starts.push(middle);
     for corner in 0..8 {
         let side = |bit: i32| if corner & bit == 0 { -1.0 } else { 1.0 };
         starts.push(middle + half.component_mul(&Vector3::new(side(1), side(2), side(4))));

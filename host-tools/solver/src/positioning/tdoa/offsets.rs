@@ -163,6 +163,7 @@ pub(super) fn with_offsets(
     Some(TdoaFix {
         position_m: x.fixed_rows::<3>(0).into_owned(),
         covariance_m2: Matrix3::from_fn(|i, k| 0.5 * (c[(i, k)] + c[(k, i)])),
+        alternative_m: None,
         offsets_m: problem.anchors.iter().copied().zip(offsets).collect(),
         offset_sigma_m: tau2.sqrt(),
         noise_scale: scale,
