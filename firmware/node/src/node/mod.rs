@@ -51,6 +51,10 @@ const RESTART_AFTER_US: u64 = 100_000;
 /// stops reporting cannot hold up the rest of the board.
 const EVENTS_PER_CALL: usize = 8;
 
+/// Records that a listener keeps until the air is quiet: making them takes as long as a frame, and the next may follow
+/// at once. A final for eight responders and the first reports.
+const UNTOLD: usize = 16;
+
 /// A node that takes part in exchanges.
 ///
 /// `B`: the radio's bus, `R`: its reset line (open drain, low resets), `D`: a
@@ -67,6 +71,8 @@ pub struct Node<B, R, D> {
     judge: Judge,
     levels: Levels,
     counters: Counters,
+    /// What a listener has heard and not told yet.
+    untold: heapless::Deque<Record, UNTOLD>,
     next_status_us: u64,
     next_check_us: u64,
     /// When a frame was received last, or the radio started.
@@ -117,6 +123,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             },
             judge: Judge::new(&config.phy, config.filter),
             levels: Levels::default(),
+            untold: heapless::Deque::new(),
             config,
             doing: Doing::Down { retry_us: 0 },
             timing,
@@ -201,6 +208,10 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                     self.out_of_order(now_us, error);
                 }
             }
+        }
+        // One, and then the radio is looked at again.
+        if let Some(record) = self.untold.pop_front() {
+            emit(&record);
         }
         if self.is_time_for(self.next_status_us, now_us) {
             // From when it was due, so that a late one does not move the next.
@@ -425,6 +436,9 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     }
 
     fn wake_us(&self) -> u64 {
+        if !self.untold.is_empty() {
+            return 0;
+        }
         let turn_us = match &self.playing {
             Playing::Initiator(polling) => polling.turn_us,
             Playing::Responder(_) | Playing::Listener => u64::MAX,

@@ -41,7 +41,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         }
     }
 
-    /// What a listener hears goes to the host.
+    /// What a listener hears goes to the host, once the air is quiet.
     pub(super) fn eavesdrop(
         &mut self,
         event: Event<'_>,
@@ -63,7 +63,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
         let t_us = now_us.saturating_sub(self.age_us(at)?);
         // Another may follow at once.
         self.listen(None, now_us)?;
-        emit(&Record::Overheard(Overheard {
+        let heard = Record::Overheard(Overheard {
             t_us,
             at_ticks: at.ticks(),
             pan: frame.pan.0,
@@ -73,15 +73,25 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             round: frame.round,
             sequence: frame.sequence,
             quality: Some(quality),
-        }));
-        for (peer, round, reply) in frame.intervals() {
-            emit(&Record::OverheardInterval(OverheardInterval {
+        });
+        let intervals = frame.intervals().map(|(peer, round, reply)| {
+            Record::OverheardInterval(OverheardInterval {
                 source: frame.source.0,
                 peer: peer.0,
                 round: frame.round,
                 round_ticks: round.get(),
                 reply_ticks: reply.get(),
-            }));
+            })
+        });
+        for record in core::iter::once(heard).chain(intervals) {
+            // In order, and none is lost: who waits longest is told now where there is no room.
+            if self.untold.is_full()
+                && let Some(longest) = self.untold.pop_front()
+            {
+                emit(&longest);
+            }
+            // There is room now.
+            let _ = self.untold.push_back(record);
         }
         Ok(())
     }

@@ -13,6 +13,7 @@ mod fly;
 mod fuse;
 mod guide;
 mod listen;
+mod locate;
 mod replay;
 mod simulate;
 mod solve;
@@ -39,6 +40,7 @@ enum Command {
     Demo(demo::Demo),
     Solve(solve::Solve),
     Survey(survey::Survey),
+    Locate(locate::Locate),
     Fuse(fuse::Fuse),
     Guide(guide::Guide),
     Bridge(bridge::Bridge),
@@ -77,6 +79,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Demo(command) => command.run(),
         Command::Solve(command) => command.run(),
         Command::Survey(command) => command.run(),
+        Command::Locate(command) => command.run(),
         Command::Fuse(command) => command.run(),
         Command::Guide(command) => command.run(),
         Command::Bridge(command) => command.run(),

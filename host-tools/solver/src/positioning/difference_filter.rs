@@ -1,19 +1,23 @@
 //! An extended Kalman filter of a listener's place and velocity from rounds of differences.
 //!
 //! ```text
-//! x = [p v o_1 .. o_m],  p' = v,  v' = white noise of density q,  o_i constant, N(0, tau^2) at first
+//! x = [p v o_1 .. o_m],  p' = v,  v' = white noise of density q,  o_i' = -o_i / T + noise, N(0, tau^2)
 //! z_k = |p_k - b| - |p_k - a| + o_b - o_a + noise,   p_k = p + v (t_k - t)
 //! H_k = [w  w (t_k - t) | .. -1 at a, +1 at b ..]     w = (p_k - b) / |p_k - b| - (p_k - a) / |p_k - a|
 //! R = diag(own^2) + sum s s^T                          s: what the round's poll and final bring into all
 //! ```
 //!
 //! All differences of a round are taken together, with what their errors have in common. `o_i` is what an
-//! anchor is off by (antenna delays, places); without it among the unknowns a filter that hears a hundred
-//! rounds a second would soon believe millimetres. A difference whose innovation is beyond the gate is set
-//! aside, one within but further out than Huber's limit gets its sigma widened. After `patience` rounds in a
-//! row of which half or less fits it is the filter that is wrong: its place is opened by what they say,
-//! and offsets are forgotten. The update is iterated (Gauss-Newton about the prediction), since a wide open
-//! place lies metres from where hyperbolas are straight.
+//! anchor is off by (antenna delays, places, levels); without it a filter that hears a hundred rounds a second
+//! would soon believe millimetres. It wanders (a Gauss-Markov process over `T`): as a constant it would be
+//! learnt from what else is off by centimetres and changes with the place, and in weak geometry take
+//! the height with it.
+//!
+//! A difference whose innovation is beyond the gate is set aside, one within but further out than Huber's
+//! limit gets its sigma widened. After `patience` rounds in a row of which half or less fits it is the filter
+//! that is wrong: its place is opened by what they say, and offsets are forgotten. The update is iterated
+//! (Gauss-Newton about the prediction), since a wide open place lies metres from where hyperbolas are
+//! straight.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
@@ -39,6 +43,8 @@ pub struct DifferenceFilterOptions {
     /// Standard deviation that anchors' offsets are expected to have, metres; see
     /// [`TdoaOptions::offset_sigma_m`](super::TdoaOptions::offset_sigma_m).
     pub offset_sigma_m: f64,
+    /// Time over which they wander, seconds.
+    pub offset_memory_s: f64,
     /// Normalised innovation squared beyond which a difference is set aside.
     pub gate: f64,
     /// So many rounds in a row of which half or less fits, and the filter is opened.
@@ -50,6 +56,7 @@ impl Default for DifferenceFilterOptions {
         Self {
             acceleration: 0.5,
             offset_sigma_m: 0.1,
+            offset_memory_s: 10.0,
             gate: 10.83, // 99.9 % of chi-square with one degree of freedom
             patience: 20,
         }
@@ -175,14 +182,6 @@ impl DifferenceFilter {
         }
     }
 
-    /// What each anchor's end of a difference reads too long as far as it is known, metres.
-    pub fn offsets_m(&self) -> impl Iterator<Item = (u16, f64)> + '_ {
-        self.anchors
-            .iter()
-            .copied()
-            .zip(self.x.iter().skip(6).copied())
-    }
-
     /// Whether both anchors are known, or could be taken in.
     fn knows(&mut self, addresses: [u16; 2]) -> bool {
         for address in addresses {
@@ -290,8 +289,16 @@ impl DifferenceFilter {
         for i in 0..3 {
             f[(i, i + 3)] = dt;
         }
+        let keeps = (-dt / self.options.offset_memory_s).exp();
+        for i in 6..self.x.len() {
+            f[(i, i)] = keeps;
+        }
         self.x = &f * &self.x;
         self.p = &f * &self.p * f.transpose();
+        let fresh_m2 = self.options.offset_sigma_m.powi(2) * (1.0 - keeps * keeps);
+        for i in 6..self.x.len() {
+            self.p[(i, i)] += fresh_m2;
+        }
         let density = self.options.acceleration.powi(2);
         for i in 0..3 {
             self.p[(i, i)] += density * dt.powi(3) / 3.0;

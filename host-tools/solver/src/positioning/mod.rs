@@ -8,7 +8,7 @@
 //!  ranges, all of them ──► smooth         the track afterwards, errors that hang together in time among the unknowns
 //!  what a listener heard ► Listening ► differences of ranges, round by round
 //!  differences of ranges ► locate_tdoa    anchors that send, a tag that only listens: at rest, one place from all
-//!                        └► DifferenceFilter    moving: a place each round
+//!                        └► ListenerTrack       moving: a place each round (DifferenceFilter)
 //! ```
 //!
 //! Three anchors leave two places, so four are asked for; with the height given, three.
@@ -29,8 +29,8 @@ pub use filter::{Judgement, RangeFilter, RangeFilterOptions, Tracked};
 pub use fix::{Fix, FixError, locate};
 pub use listening::{
     ExchangeFault, HeardDifference, HeardExchange, HeardFrame, HeardIntervals, HeardMessage,
-    ListenedAnchor, ListenedDifference, ListenedRound, Listening, ListeningCounts,
-    ListeningOptions, METRES_PER_TICK, SideIntervals,
+    ListenedAnchor, ListenedDifference, ListenedRound, ListenerTrack, ListenerTrackOptions,
+    Listening, ListeningCounts, ListeningOptions, METRES_PER_TICK, SideIntervals,
 };
 pub use quality::{Power, sigma_factor};
 pub use smoother::{Smoothed, SmootherOptions, smooth};

@@ -9,7 +9,6 @@ use anyhow::Result;
 use nova_hal_sim::{BoardConfig, BoardId, ClockConfig, Motion, SimConfig, SimTime, Simulation};
 use nova_node::ranging::Address;
 use nova_node::{AntennaDelay, NodeConfig};
-use nova_wire::Role;
 use outlet::Outlet;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -35,10 +34,11 @@ use std::time::{Duration, Instant};
   nova simulate --serve tcp://127.0.0.1:7000 & nova listen tcp://127.0.0.1:7000
   nova simulate --pty                                    and nova listen /dev/pts/...
   nova simulate --board anchor@0,0,2 --board tag@5,0,1,2 --serve tcp://127.0.0.1:7000
+  nova simulate --board anchor@0,0,2 --board tag@5,0,1 --board listener@2,2,1 --capture heard --duration 10
   nova simulate --antenna-sigma 0.3 --capture recordings --duration 10")]
 pub(crate) struct Simulate {
-    /// A board: anchor or tag, its place in metres, and the radius of the circle on which it moves
-    /// about that at 1 m/s, if it does.
+    /// A board: anchor, tag or listener, its place in metres, and the radius of the circle on which it
+    /// moves about that at 1 m/s, if it does.
     #[arg(
         long = "board",
         value_name = "ROLE@X,Y,Z[,R]",
@@ -82,10 +82,19 @@ pub(crate) struct Simulate {
     json: bool,
 }
 
+/// What a board does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum BoardRole {
+    Anchor,
+    Tag,
+    Listener,
+}
+
 /// A board as given.
 #[derive(Clone, Debug)]
 struct Placed {
-    role: Role,
+    role: BoardRole,
     place_m: [f64; 3],
     radius_m: f64,
 }
@@ -97,9 +106,10 @@ impl FromStr for Placed {
         let form = || "not of the form ROLE@X,Y,Z or ROLE@X,Y,Z,RADIUS".to_owned();
         let (role, numbers) = text.split_once('@').ok_or_else(form)?;
         let role = match role {
-            "anchor" => Role::Anchor,
-            "tag" => Role::Tag,
-            _ => return Err(format!("'{role}' is neither anchor nor tag")),
+            "anchor" => BoardRole::Anchor,
+            "tag" => BoardRole::Tag,
+            "listener" => BoardRole::Listener,
+            _ => return Err(format!("'{role}' is neither anchor nor tag nor listener")),
         };
         let numbers: Vec<f64> = (numbers.split(','))
             .map(|number| number.trim().parse().ok())
@@ -162,7 +172,7 @@ impl FromStr for TcpBase {
 #[derive(Serialize)]
 struct Truth {
     address: u16,
-    role: Role,
+    role: BoardRole,
     place_m: [f64; 3],
     /// True delays less those that the firmware takes for granted, sending and receiving, in ticks.
     antenna_delay_error_ticks: [f64; 2],
@@ -264,8 +274,9 @@ impl Simulate {
         let [tx_error_ticks, rx_error_ticks] = antenna_delay_error_ticks;
         let address = Address(index + 1);
         let node = match placed.role {
-            Role::Anchor => NodeConfig::anchor(address),
-            Role::Tag => NodeConfig::tag(address),
+            BoardRole::Anchor => NodeConfig::anchor(address),
+            BoardRole::Tag => NodeConfig::tag(address),
+            BoardRole::Listener => NodeConfig::listener(address),
         };
         // What the node takes its antenna for, as nobody has told it better.
         let told = AntennaDelay::UNCALIBRATED;
@@ -305,8 +316,9 @@ impl Simulate {
             let [x, y, z] = truth.place_m;
             let [tx, rx] = truth.antenna_delay_error_ticks;
             let role = match truth.role {
-                Role::Anchor => "anchor",
-                Role::Tag => "tag",
+                BoardRole::Anchor => "anchor",
+                BoardRole::Tag => "tag",
+                BoardRole::Listener => "listener",
             };
             writeln!(
                 out,

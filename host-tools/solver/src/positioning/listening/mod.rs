@@ -4,7 +4,7 @@
 //!  frames with time stamps ─► Listening ─► exchange ─► ListenedRound: differences of distances
 //!  intervals of finals,       who, which    u - e      │
 //!  reports                    round                    ├─► locate_tdoa        at rest: one place from all
-//!                                                      └─► DifferenceFilter   moving: a place each round
+//!                                                      └─► ListenerTrack      moving: a place each round
 //! ```
 //!
 //! Nothing is sent, so any number of tags can listen. What does not fit, a lost frame or one that cannot
@@ -13,10 +13,12 @@
 mod counts;
 mod exchange;
 mod rounds;
+mod track;
 
 pub use counts::ListeningCounts;
 pub use exchange::{ExchangeFault, HeardDifference, HeardExchange, METRES_PER_TICK, SideIntervals};
 pub use rounds::Listening;
+pub use track::{ListenerTrack, ListenerTrackOptions};
 
 use super::RangeDifference;
 use nalgebra::Vector3;
