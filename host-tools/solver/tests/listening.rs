@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use nova_solver::positioning::{
     DifferenceFilter, DifferenceFilterOptions, HeardExchange, HeardFrame, HeardIntervals,
     HeardMessage, ListenedAnchor, ListenedDifference, ListenedRound, Listening, ListeningOptions,
-    METRES_PER_TICK, RangeDifference, SideIntervals,
+    METRES_PER_TICK, RangeDifference, SideIntervals, TdoaOptions, locate_round,
 };
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -634,6 +634,61 @@ fn wild_and_blocked_differences_are_set_aside_and_hardly_move_the_track() {
     println!("moving, spoilt: error {spoilt:.3} m beside {clean:.3}, {aside:.3} set aside");
     assert!(aside > 0.08 && aside < 0.25, "{aside}");
     assert!(spoilt < 1.5 * clean + 0.02, "{spoilt} {clean}");
+}
+
+#[test]
+fn a_place_from_one_round_is_within_its_sigma() {
+    let (mut nees, mut misfit, mut count) = (0.0, 0.0, 0.0);
+    for seed in 0..300 {
+        let mut rng = rng(2025 + seed);
+        let room = Room::new(&mut rng, 6, 0.05);
+        let tag = flown(rng.random_range(0.0..12.0));
+        let options = TdoaOptions {
+            offset_sigma_m: 0.05,
+            heights_m: Some([0.0, 3.0]),
+            ..TdoaOptions::default()
+        };
+        let fix = locate_round(&room.round(0.0, tag, &mut rng), &options).unwrap();
+        let error = fix.position_m - tag;
+        nees += error.dot(&(fix.covariance_m2.try_inverse().unwrap() * error));
+        misfit += fix.misfit;
+        count += 1.0;
+    }
+    println!(
+        "one round: NEES {:.2} of 3, misfit {:.2} of 2",
+        nees / count,
+        misfit / count
+    );
+    // Chi-square with 900 and 600 degrees of freedom: 99.9 % within some 16 %.
+    assert!((2.5..3.5).contains(&(nees / count)), "{nees}");
+    assert!((1.65..2.35).contains(&(misfit / count)), "{misfit}");
+}
+
+#[test]
+fn one_round_of_four_anchors_in_a_plane_tells_that_two_places_fit_and_heights_decide() {
+    for seed in 0..200 {
+        let mut rng = rng(seed);
+        let mut room = Room::new(&mut rng, 4, 0.0);
+        room.anchors_m.iter_mut().for_each(|a| a.z = 2.5);
+        let tag = flown(rng.random_range(0.0..12.0)) - Vector3::new(0.0, 0.0, 0.4);
+        let mut exact = room.round(0.0, tag, &mut rng);
+        for one in &mut exact.differences {
+            let [a, b] = one.difference.anchors_m;
+            one.difference.difference_m = (tag - b).norm() - (tag - a).norm();
+        }
+        let fix = locate_round(&exact, &TdoaOptions::default()).unwrap();
+        let other = fix.alternative_m.unwrap();
+        let off = (fix.position_m - tag).norm().min((other - tag).norm());
+        assert!(off < 1e-3, "{seed}: {off}");
+        let apart = (other - fix.position_m).norm_squared();
+        assert!(fix.covariance_m2.trace() > apart);
+        let below = TdoaOptions {
+            heights_m: Some([0.0, 2.45]),
+            ..TdoaOptions::default()
+        };
+        let fix = locate_round(&exact, &below).unwrap();
+        assert!((fix.position_m - tag).norm() < 1e-3 && fix.alternative_m.is_none());
+    }
 }
 
 #[test]

@@ -8,6 +8,7 @@
 //!  ranges, all of them ──► smooth         the track afterwards, errors that hang together in time among the unknowns
 //!  what a listener heard ► Listening ► differences of ranges, round by round
 //!  differences of ranges ► locate_tdoa    anchors that send, a tag that only listens: at rest, one place from all
+//!                        ├► locate_round        one round alone
 //!                        └► ListenerTrack       moving: a place each round (DifferenceFilter)
 //! ```
 //!
@@ -34,7 +35,10 @@ pub use listening::{
 };
 pub use quality::{Power, sigma_factor};
 pub use smoother::{Smoothed, SmootherOptions, smooth};
-pub use tdoa::{RangeDifference, TdoaFix, TdoaOptions, closed_form_differences, locate_tdoa};
+pub use tdoa::{
+    RangeDifference, RoundFix, TdoaFix, TdoaOptions, closed_form_differences, locate_round,
+    locate_tdoa,
+};
 
 use nalgebra::Vector3;
 

@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::RangeDifference;
 
 /// Smaller singular values than this part of the largest count as none.
-const FLAT: f64 = 0.05;
+const FLAT: f64 = 0.02;
 
 /// Up to two places, rough: noise is magnified; of outliers only those are not seen that are fewer than half
 /// of their pair's. None where the differences do not hang together, or anchors are fewer than four or on a

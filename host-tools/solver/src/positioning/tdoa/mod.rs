@@ -18,8 +18,10 @@
 
 mod closed_form;
 mod offsets;
+mod round;
 
 pub use closed_form::closed_form_differences;
+pub use round::{RoundFix, locate_round};
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -100,6 +102,10 @@ pub fn locate_tdoa(
     differences: &[RangeDifference],
     options: &TdoaOptions,
 ) -> Result<TdoaFix, SolveError> {
+    let (got, unknowns) = (differences.len(), 3);
+    if got <= unknowns {
+        return Err(SolveError::TooFewMeasurements { got, unknowns });
+    }
     check(differences, options)?;
     let kernel = options.kernel;
     let whitened = |p: &Vector3<f64>| -> Vec<f64> {
@@ -169,10 +175,6 @@ pub fn locate_tdoa(
 const SMALLEST_SCALE: f64 = 1e-3;
 
 fn check(differences: &[RangeDifference], options: &TdoaOptions) -> Result<(), SolveError> {
-    let (got, unknowns) = (differences.len(), 3);
-    if got <= unknowns {
-        return Err(SolveError::TooFewMeasurements { got, unknowns });
-    }
     if !options.kernel.is_valid() {
         return Err(SolveError::BadOption {
             name: "kernel",
