@@ -85,3 +85,58 @@ fn time_differences_of_arrival_are_those_of_the_places() {
     }
     assert!(rounds > 180, "{rounds}");
 }
+
+/// Reports follow each other at once: a listener that made records meanwhile would miss every second one.
+#[test]
+fn a_listener_hears_every_report_and_tells_all_in_order() {
+    for (responders, period_us) in [(2, 10_000), (3, 10_000), (5, 10_000), (8, 20_000)] {
+        let mut network = Network::new(SimConfig::default());
+        let board = |x: u16| BoardConfig {
+            motion: Motion::fixed([f64::from(x), 2.0, 1.0]),
+            ..BoardConfig::default()
+        };
+        let mut anchor = NodeConfig::anchor(Address(0x0A));
+        if let Part::Initiator {
+            peers,
+            per_round,
+            period_us: period,
+            ..
+        } = &mut anchor.part
+        {
+            peers.extend((1..=responders).map(Address));
+            (*per_round, *period) = (responders as u8, period_us);
+        }
+        network.add(board(0), anchor).unwrap();
+        for tag in 1..=responders {
+            network
+                .add(board(tag), NodeConfig::tag(Address(tag)))
+                .unwrap();
+        }
+        let listener = NodeConfig::listener(Address(0x33));
+        let listener = network.add(board(20), listener).unwrap();
+        network.run_until_s(2.5).unwrap();
+
+        let log = network.log(listener).unwrap();
+        let heard = |message: u8| {
+            (log.overheard.iter())
+                .filter(|frame| frame.message == message)
+                .count()
+        };
+        let [polls, responses, finals, reports] = [1, 2, 3, 4].map(heard);
+        println!(
+            "{responders}: {polls} polls, {responses} responses, {finals} finals, {reports} reports"
+        );
+        assert!(polls as u32 + 2 >= 2_500_000 / period_us, "{polls}");
+        let all = usize::from(responders) * polls;
+        assert!(100 * responses >= 98 * all && 100 * reports >= 98 * all);
+        assert!(100 * finals >= 98 * polls);
+        assert_eq!(log.counters.records_dropped, 0);
+        let forward = |pair: &[Overheard]| between(&pair[0], &pair[1]) < (CLOCK / 2) as f64;
+        assert!(log.overheard.windows(2).all(forward));
+        // Of a final an interval for each responder, of a report one.
+        let of_reports = log.intervals.iter().filter(|i| i.source != 0x0A).count();
+        assert_eq!(of_reports, reports);
+        let of_finals = log.intervals.len() - of_reports;
+        assert!(100 * of_finals >= 98 * usize::from(responders) * finals);
+    }
+}

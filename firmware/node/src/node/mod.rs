@@ -7,6 +7,7 @@ mod playing;
 mod records;
 
 use doing::Doing;
+use others::Untold;
 use playing::Playing;
 
 use crate::bus::RadioBus;
@@ -51,9 +52,13 @@ const RESTART_AFTER_US: u64 = 100_000;
 /// stops reporting cannot hold up the rest of the board.
 const EVENTS_PER_CALL: usize = 8;
 
-/// Records that a listener keeps until the air is quiet: making them takes as long as a frame, and the next may follow
-/// at once. A final for eight responders and the first reports.
-const UNTOLD: usize = 16;
+/// Records that a listener keeps until the air is quiet: making one takes as long as a frame, and who is at it when the
+/// next frame ends listens again too late for the one after that. Those of a round with eight responders.
+const UNTOLD: usize = 34;
+
+/// The air is quiet when nothing was heard for so long: more than from one frame of a round to the next, but in modes
+/// that are slow enough for a record in between.
+const QUIET_US: u64 = 900;
 
 /// A node that takes part in exchanges.
 ///
@@ -72,7 +77,7 @@ pub struct Node<B, R, D> {
     levels: Levels,
     counters: Counters,
     /// What a listener has heard and not told yet.
-    untold: heapless::Deque<Record, UNTOLD>,
+    untold: heapless::Deque<Untold, UNTOLD>,
     next_status_us: u64,
     next_check_us: u64,
     /// When a frame was received last, or the radio started.
@@ -210,8 +215,10 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             }
         }
         // One, and then the radio is looked at again.
-        if let Some(record) = self.untold.pop_front() {
-            emit(&record);
+        if now_us >= self.heard_us + QUIET_US
+            && let Some(untold) = self.untold.pop_front()
+        {
+            emit(&untold.into());
         }
         if self.is_time_for(self.next_status_us, now_us) {
             // From when it was due, so that a late one does not move the next.
@@ -436,9 +443,6 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     }
 
     fn wake_us(&self) -> u64 {
-        if !self.untold.is_empty() {
-            return 0;
-        }
         let turn_us = match &self.playing {
             Playing::Initiator(polling) => polling.turn_us,
             Playing::Responder(_) | Playing::Listener => u64::MAX,
@@ -454,7 +458,12 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             Doing::Waking { look_us, .. } => look_us,
             Doing::Down { retry_us } => retry_us,
         };
-        radio_us.min(self.next_status_us + PATIENCE_US)
+        let untold_us = if self.untold.is_empty() {
+            u64::MAX
+        } else {
+            self.heard_us + QUIET_US
+        };
+        (radio_us.min(untold_us)).min(self.next_status_us + PATIENCE_US)
     }
 }
 

@@ -9,6 +9,21 @@ use nova_ranging::superframe::Superframe;
 use nova_ranging::{DeviceTime, Event, Frame, FrameError, Ignored};
 use nova_wire::{Overheard, OverheardInterval, Record};
 
+/// What a listener has heard and not told yet; shorter than a record, of which there are longer ones.
+pub(super) enum Untold {
+    Frame(Overheard),
+    Interval(OverheardInterval),
+}
+
+impl From<Untold> for Record {
+    fn from(untold: Untold) -> Self {
+        match untold {
+            Untold::Frame(frame) => Self::Overheard(frame),
+            Untold::Interval(interval) => Self::OverheardInterval(interval),
+        }
+    }
+}
+
 impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
     /// What an initiator hears and sends outside of its rounds.
     pub(super) fn overhear(&mut self, event: Event<'_>, now_us: u64) -> Result<(), RadioError> {
@@ -60,10 +75,10 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             }
         };
         let quality = self.radio.reception()?.quality(false);
-        let t_us = now_us.saturating_sub(self.age_us(at)?);
         // Another may follow at once.
         self.listen(None, now_us)?;
-        let heard = Record::Overheard(Overheard {
+        let t_us = now_us.saturating_sub(self.age_us(at)?);
+        let heard = Untold::Frame(Overheard {
             t_us,
             at_ticks: at.ticks(),
             pan: frame.pan.0,
@@ -75,7 +90,7 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
             quality: Some(quality),
         });
         let intervals = frame.intervals().map(|(peer, round, reply)| {
-            Record::OverheardInterval(OverheardInterval {
+            Untold::Interval(OverheardInterval {
                 source: frame.source.0,
                 peer: peer.0,
                 round: frame.round,
@@ -83,15 +98,15 @@ impl<B: RadioBus, R: OutputPin, D: DelayNs> Node<B, R, D> {
                 reply_ticks: reply.get(),
             })
         });
-        for record in core::iter::once(heard).chain(intervals) {
+        for untold in core::iter::once(heard).chain(intervals) {
             // In order, and none is lost: who waits longest is told now where there is no room.
             if self.untold.is_full()
                 && let Some(longest) = self.untold.pop_front()
             {
-                emit(&longest);
+                emit(&longest.into());
             }
             // There is room now.
-            let _ = self.untold.push_back(record);
+            let _ = self.untold.push_back(untold);
         }
         Ok(())
     }
