@@ -222,7 +222,7 @@ impl MapNavigator {
             .is_some_and(|newest| newest.t_s == observation.t_s);
         let young = self
             .start
-            .is_none_or(|start| observation.t_s - start.t_s < YOUNG_S);
+            .is_none_or(|start| observation.t_s - start.t_s < self.options.mixture_after_s);
         let compact = || {
             let spread = self.hypotheses.relative_covariance();
             let limit_m = COMPACT_SHARE * observation.range_m;
@@ -330,7 +330,7 @@ impl Navigator for MapNavigator {
                 weak_geometry: largest > WEAK_SHARE * distance_m.max(1.0)
                     || narrowness < STRAIGHT
                     || length_m < SHORT * distance_m,
-                ambiguous: rival.is_some(),
+                ambiguous: rival.is_some() && self.close.is_none(),
                 ..self.gate.doubts()
             },
         })

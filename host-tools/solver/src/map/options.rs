@@ -40,6 +40,9 @@ pub struct MapOptions {
     /// Whether the tag is known to lie below the flight, as one to land on does. It settles most
     /// mirror images.
     pub tag_below_flight: bool,
+    /// How long after the hand-over explanations are not yet ripe for the sum of Gaussians of the last metres, seconds: a first
+    /// guess that is known to a metre or two needs less.
+    pub mixture_after_s: f64,
     /// Distance of knots in time, seconds.
     pub knot_interval_s: f64,
     /// Most knots kept; older ones become a prior.
@@ -60,6 +63,7 @@ impl Default for MapOptions {
             initial_velocity_sigma: 0.01,
             initial_acceleration_sigma: 1e-3,
             tag_below_flight: true,
+            mixture_after_s: 20.0,
             knot_interval_s: 0.5,
             most_knots: 160,
         }
