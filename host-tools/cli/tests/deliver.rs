@@ -88,3 +88,23 @@ fn a_scenario_that_cannot_be_flown_is_refused_with_the_reason() {
     assert_eq!(nova.run(&["deliver", "--scenario", "none.toml"]).code, 2);
     assert_eq!(nova.run(&["deliver", "--trials", "0"]).code, 2);
 }
+
+#[test]
+fn one_tag_in_place_of_four_anchors_is_enough_to_land_on_the_platform() {
+    let nova = Nova::new();
+    let tag_alone = "uwb_by = \"single-tag\"\nlarge_marker = false\nsmall_marker = false\nreturn_trip = false\n";
+    nova.file("tag.toml", format!("{SHORT}{tag_alone}"));
+    let said = nova.run(&[
+        "deliver",
+        "--scenario",
+        "tag.toml",
+        "--trials",
+        "6",
+        "--json",
+    ]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let row = &said.json()[0]["row"];
+    println!("{row}");
+    assert_eq!(row["on_platform"], 6);
+    assert!(row["off_centre_m"].as_f64().unwrap() < 0.3);
+}

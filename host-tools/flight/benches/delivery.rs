@@ -2,13 +2,14 @@
 //! mission.
 //!
 //! `cargo bench -p nova-flight --bench delivery`. First, over all steps of a flight, the share of one core at 100 Hz with either
-//! filter; then criterion's figures of whole flights, the two filters beside each other.
+//! filter, and of NOVA's navigator where one tag stands in for the anchors; then criterion's figures of whole flights, the two filters beside each other.
 
 #![allow(missing_docs, clippy::unwrap_used)] // criterion's macros
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use nalgebra::Vector3;
 use nova_flight::delivery::{Event, FilterKind, Lander, Scenario, deliver};
-use nova_solver::delivery::{LandingFilter, Mission, Situation};
+use nova_solver::delivery::{LandingFilter, Mission, SingleTag, SingleTagOptions, Situation};
 use nova_solver::navigation::horizontal_sigma_m;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -78,6 +79,47 @@ impl Told {
     }
 }
 
+/// NOVA's navigator on a way down in circles, over and above the filter: how long each step took, ranges at 20 Hz among them.
+fn by_one_tag() -> Vec<Duration> {
+    let at = |tick: u32| {
+        let t_s = f64::from(tick) / RATE_HZ;
+        let z = 12.0 - 0.7 * t_s;
+        let (sin, cos) = (0.9 * t_s).sin_cos();
+        Vector3::new(0.25 * z * cos, 0.25 * z * sin, z)
+    };
+    let mut tag = SingleTag::new(SingleTagOptions::default());
+    (1..1600)
+        .map(|tick| {
+            let (t_s, truth) = (f64::from(tick) / RATE_HZ, at(tick));
+            let velocity = (truth - at(tick - 1)) * RATE_HZ;
+            // Some roughness, as ranges have it.
+            let rough_m = 0.05 * (f64::from(tick) * 12.9898).sin();
+            let begin = Instant::now();
+            tag.moved(t_s, &velocity, 1.0 / RATE_HZ);
+            if tick % 10 == 1 {
+                tag.autopilot(t_s, &(truth + Vector3::new(0.9, -0.7, 1.0)));
+            }
+            if tick % 5 == 0 {
+                black_box(tag.range(t_s, truth.norm() + rough_m));
+            }
+            begin.elapsed()
+        })
+        .collect()
+}
+
+fn share(name: &str, mut times: Vec<Duration>) {
+    times.sort();
+    let mean = times.iter().sum::<Duration>() / times.len() as u32;
+    let at = |part: f64| times.get((part * times.len() as f64) as usize).copied();
+    println!(
+        "{name}: {} steps; mean {mean:?}, median {:?}, 99 % below {:?}; {:.3} % of one core at 100 Hz",
+        times.len(),
+        at(0.5).unwrap_or_default(),
+        at(0.99).unwrap_or_default(),
+        100.0 * mean.as_secs_f64() * RATE_HZ,
+    );
+}
+
 fn delivery(criterion: &mut Criterion) {
     let filters = [
         ("error-state filter", FilterKind::ErrorState),
@@ -87,17 +129,9 @@ fn delivery(criterion: &mut Criterion) {
     for (name, told) in &told {
         let mut times = Vec::new();
         told.fly(|took| times.push(took));
-        times.sort();
-        let mean = times.iter().sum::<Duration>() / times.len() as u32;
-        let at = |part: f64| times.get((part * times.len() as f64) as usize).copied();
-        println!(
-            "{name}: {} steps; mean {mean:?}, median {:?}, 99 % below {:?}; {:.3} % of one core at 100 Hz",
-            times.len(),
-            at(0.5).unwrap_or_default(),
-            at(0.99).unwrap_or_default(),
-            100.0 * mean.as_secs_f64() * RATE_HZ,
-        );
+        share(name, times);
     }
+    share("one tag in place of anchors", by_one_tag());
     let mut group = criterion.benchmark_group("all control steps of a delivery");
     group.sample_size(10);
     for (name, told) in &told {

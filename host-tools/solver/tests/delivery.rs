@@ -355,6 +355,7 @@ fn mission() -> Mission {
         tries: 3,
         lost_s: 1.0,
         local_lost_s: 1.5,
+        longest_search_s: 20.0,
         longest_hold_s: 15.0,
         low_battery: 0.3,
         empty_battery: 0.1,
@@ -454,6 +455,17 @@ fn each_trouble_has_its_answer() {
                 local_age_s: 2.0,
                 ..landing()
             },
+            Order::Search,
+            Some(Trouble::NotFound),
+        ),
+        // By the height that it believes it is not there yet; the ground says otherwise.
+        (
+            Situation {
+                local_age_s: gone,
+                on_ground: true,
+                height_m: 7.0,
+                ..landing()
+            },
             Order::Climb,
             Some(Trouble::Unsure),
         ),
@@ -542,10 +554,44 @@ fn a_hold_ends_with_the_place_or_is_handed_over() {
 }
 
 #[test]
+fn a_search_ends_with_what_it_looks_for_or_with_another_try() {
+    let blind = |t_s| Situation {
+        t_s,
+        sigma_m: 1.5,
+        local_age_s: f64::INFINITY,
+        ..landing()
+    };
+    let found = Situation {
+        t_s: 25.0,
+        ..landing()
+    };
+    let mut lucky = mission();
+    assert_eq!(lucky.step(&blind(10.0)), Order::Search);
+    assert_eq!(lucky.step(&blind(24.0)), Order::Search);
+    assert_eq!(lucky.step(&found), Order::FollowToGoal);
+    let mut other = mission();
+    assert_eq!(other.step(&blind(10.0)), Order::Search);
+    assert_eq!(other.step(&blind(30.5)), Order::Climb);
+    let above = Situation {
+        height_m: 16.0,
+        ..blind(40.0)
+    };
+    assert_eq!(other.step(&above), Order::FollowToGoal);
+    // The second try looks from a third lower: 3.3 m.
+    let at = |height_m| Situation {
+        height_m,
+        ..blind(50.0)
+    };
+    assert_eq!(other.step(&at(3.4)), Order::FollowToGoal);
+    assert_eq!(other.step(&at(3.2)), Order::Search);
+}
+
+#[test]
 fn the_third_unsure_landing_takes_the_package_back() {
     let mut mission = mission();
     let unsure = Situation {
-        local_age_s: 3.0,
+        sigma_m: 0.5,
+        height_m: 1.0,
         ..landing()
     };
     let above = Situation {
@@ -572,7 +618,7 @@ fn the_third_unsure_landing_takes_the_package_back() {
 
 proptest! {
     #[test]
-    fn whatever_happens_nothing_is_released_in_the_air_and_ends_are_final(
+    fn whatever_happens_nothing_is_released_in_the_air_nor_unseen_and_ends_are_final(
         events in prop::collection::vec((0.0..200.0f64, 0.0..50.0f64, 0.0..1.0f64, 0.0..30.0f64, 0..64u32), 1..200),
     ) {
         let mut mission = mission();
@@ -594,7 +640,7 @@ proptest! {
             };
             let order = mission.step(&now);
             if order == Order::Release {
-                prop_assert!(before == State::Releasing || (now.on_ground && along_m > 92.5));
+                prop_assert!(before == State::Releasing || (now.on_ground && along_m > 92.5 && bit(0) && bit(2)));
                 released = bit(4);
             }
             if matches!(before, State::Finished | State::HandedOver) {

@@ -3,12 +3,12 @@
 use super::craft::Craft;
 use super::lander::Lander;
 use super::recording::{Begin, Event, InputRecord, measured};
-use super::scenario::{FilterKind, Scenario, ScenarioFault};
+use super::scenario::{FilterKind, Scenario, ScenarioFault, UwbBy};
 use super::sensors::Sensors;
 use nalgebra::Vector3;
 use nova_solver::delivery::{
-    LandingFilter, Measurement, Mission, Order, Pose, Situation, State, Trouble, VectorField,
-    Verdict,
+    Circling, LandingFilter, Measurement, Mission, Order, Pose, Sector, Situation, Spiral, State,
+    Trouble, VectorField, Verdict,
 };
 use nova_solver::navigation::horizontal_sigma_m;
 use rand::SeedableRng;
@@ -94,12 +94,13 @@ pub fn deliver(
             _ => None,
         })
         .unwrap_or_else(|| start.pose());
-    let begin = Begin::new(scenario.filter, &first, scenario.gps_bias_m);
+    let begin = Begin::new(scenario.filter, &first, scenario.first_bias_sigma_m());
     let lander = begin.lander()?;
     watch(&Event::Begin(begin));
     let flight = Flight {
         scenario,
         field,
+        circling: (scenario.uwb && scenario.uwb_by == UwbBy::SingleTag).then(Circling::default),
         sensors,
         craft: start,
         seed,
@@ -111,6 +112,7 @@ pub fn deliver(
 struct Flight<'a, W> {
     scenario: &'a Scenario,
     field: VectorField,
+    circling: Option<Circling>,
     sensors: Sensors,
     craft: Craft,
     seed: u64,
@@ -138,6 +140,7 @@ impl<W: FnMut(&Event)> Flight<'_, W> {
         let (mut gps_s, mut local_s) = (0.0, f64::NEG_INFINITY);
         let mut commanded = Vector3::zeros();
         let mut release_begin_s: Option<f64> = None;
+        let mut search_begin: Option<(f64, Vector3<f64>)> = None;
         for tick in 1..(LONGEST_S / TICK_S) as u32 {
             let t_s = f64::from(tick) * TICK_S;
             result.end_s = t_s;
@@ -172,10 +175,17 @@ impl<W: FnMut(&Event)> Flight<'_, W> {
             if local_s == f64::NEG_INFINITY && t_s > 5.0 {
                 result.off_path_m = result.off_path_m.max(path.distance_m(&place_m));
             }
+            if order != Order::Search {
+                search_begin = None;
+            }
             // What is done.
             let wanted = match order {
-                Order::FollowToGoal => self.field.velocity_m_s(&place_m, true),
+                Order::FollowToGoal => self.to_goal_m_s(t_s, &place_m),
                 Order::FollowToStart => self.field.velocity_m_s(&place_m, false),
+                Order::Search => {
+                    let (since_s, centre_m) = *search_begin.get_or_insert((t_s, place_m));
+                    Spiral::default().velocity_m_s(t_s - since_s, &centre_m, &place_m)
+                }
                 Order::Climb => Vector3::new(0.0, 0.0, 1.0),
                 Order::Hold | Order::Release => Vector3::zeros(),
                 Order::Stop | Order::HandOver => break,
@@ -210,7 +220,12 @@ impl<W: FnMut(&Event)> Flight<'_, W> {
                 commanded = Vector3::zeros();
                 self.craft.velocity_m_s = Vector3::zeros();
             }
-            let input = self.sensors.input(&truth, &self.craft.pose(), TICK_S);
+            let input = self.sensors.input(
+                f64::from(tick + 1) * TICK_S,
+                &truth,
+                &self.craft.pose(),
+                TICK_S,
+            );
             let event = Event::Input(InputRecord {
                 t_s,
                 velocity_m_s: input.velocity_m_s.into(),
@@ -236,6 +251,17 @@ impl<W: FnMut(&Event)> Flight<'_, W> {
             .map(|(t_s, what)| format!("{t_s:.1} s: {}", name(*what)))
             .collect();
         result
+    }
+
+    /// Along the path; on the way down to a single tag in circles about it.
+    fn to_goal_m_s(&self, t_s: f64, place_m: &Vector3<f64>) -> Vector3<f64> {
+        let path = self.field.path();
+        match &self.circling {
+            Some(circling) if path.sector(place_m) == Sector::Descent => {
+                circling.velocity_m_s(&self.field, t_s, place_m)
+            }
+            _ => self.field.velocity_m_s(place_m, true),
+        }
     }
 
     fn note_touchdown(&self, place_m: &Vector3<f64>, result: &mut DeliveryResult) {
@@ -265,6 +291,7 @@ fn take(filter: &mut Lander, event: &Event) -> Verdict {
 fn name(trouble: Trouble) -> &'static str {
     match trouble {
         Trouble::NoPlace => "nothing tells the place",
+        Trouble::NotFound => "nothing that marks the goal is seen or heard",
         Trouble::Unsure => "the place is not sure enough to land",
         Trouble::TooManyTries => "too many landings were not sure",
         Trouble::LowBattery => "the battery does not suffice for both ways",

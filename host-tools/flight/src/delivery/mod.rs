@@ -27,4 +27,4 @@ pub use many::{DeliveryRow, deliver_many};
 pub use recording::{
     AutopilotRecord, Begin, Estimate, Event, InputRecord, MarkerRecord, RecordFault, UwbRecord,
 };
-pub use scenario::{FilterKind, Scenario, ScenarioFault};
+pub use scenario::{FilterKind, Scenario, ScenarioFault, UwbBy};

@@ -145,12 +145,12 @@ pub enum RecordFault {
 }
 
 impl Begin {
-    pub(super) fn new(filter: FilterKind, first: &Pose, gps_bias_m: f64) -> Self {
+    pub(super) fn new(filter: FilterKind, first: &Pose, first_bias_sigma_m: f64) -> Self {
         Self {
             filter,
             position_m: first.position_m.into(),
             attitude_wxyz: wxyz(&first.attitude),
-            first_bias_sigma_m: 1.5 * gps_bias_m.max(0.1),
+            first_bias_sigma_m,
         }
     }
 }

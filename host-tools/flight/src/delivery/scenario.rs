@@ -15,6 +15,16 @@ pub enum FilterKind {
     ErrorState,
 }
 
+/// How UWB tells the place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UwbBy {
+    /// Ranges to four anchors around the platform (the paper's).
+    Ranges,
+    /// Ranges to one tag on the platform: NOVA's navigator, and a descent that circles.
+    SingleTag,
+}
+
 /// A delivery. The defaults are the paper's Sec. 5.1, its noises ours.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -33,6 +43,10 @@ pub struct Scenario {
     pub small_marker: bool,
     /// UWB answers.
     pub uwb: bool,
+    /// What it answers with.
+    pub uwb_by: UwbBy,
+    /// UWB reaches so far, metres (the paper: 10 m).
+    pub uwb_reach_m: f64,
     /// Land by GPS alone where nothing else is heard; without it such landings are broken off.
     pub land_by_gps: bool,
     /// Fly back after the release.
@@ -78,6 +92,8 @@ impl Default for Scenario {
             large_marker: true,
             small_marker: true,
             uwb: true,
+            uwb_by: UwbBy::Ranges,
+            uwb_reach_m: 10.0,
             land_by_gps: false,
             return_trip: true,
             gps_lost_s: None,
@@ -139,6 +155,7 @@ impl Scenario {
             ("gust_m_s2", self.gust_m_s2, 0.0, 5.0),
             ("vehicle_kg", self.vehicle_kg, 0.1, 1000.0),
             ("package_kg", self.package_kg, 0.0, 1000.0),
+            ("uwb_reach_m", self.uwb_reach_m, 0.1, 1000.0),
             ("range_sigma_m", self.range_sigma_m, 0.001, 10.0),
             ("anchor_bias_m", self.anchor_bias_m, 0.0, 10.0),
             ("marker_delay_s", self.marker_delay_s, 0.0, 0.4),
@@ -170,6 +187,11 @@ impl Scenario {
         )?)
     }
 
+    /// How far GPS may be off along each axis, as filters are told: more than it is on average, and never nothing, metres.
+    pub fn first_bias_sigma_m(&self) -> f64 {
+        1.5 * self.gps_bias_m.max(0.1)
+    }
+
     /// The field that leads along its path.
     ///
     /// # Errors
@@ -197,6 +219,7 @@ impl Scenario {
             tries: 3,
             lost_s: 1.0,
             local_lost_s: 3.0,
+            longest_search_s: 30.0,
             longest_hold_s: 15.0,
             low_battery: 0.35,
             empty_battery: 0.1,

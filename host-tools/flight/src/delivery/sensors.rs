@@ -1,9 +1,9 @@
 //! What the vehicle measures.
 
-use super::scenario::Scenario;
+use super::scenario::{Scenario, UwbBy};
 use crate::streams::normal;
 use nalgebra::{UnitQuaternion, Vector3};
-use nova_solver::delivery::{CameraMount, Input, Measurement, Pose};
+use nova_solver::delivery::{CameraMount, Input, Measurement, Pose, SingleTag, SingleTagOptions};
 use nova_solver::multilateration::{Height, MultilaterationOptions};
 use nova_solver::positioning::{AnchorRange, locate};
 use rand::{RngExt, SeedableRng};
@@ -14,8 +14,10 @@ use std::collections::VecDeque;
 const GPS_TICKS: u32 = 10;
 const MARKER_TICKS: u32 = 7;
 const UWB_TICKS: u32 = 10;
-/// Anchors and tag are at most so far apart (Sec. 4.2.2), metres.
-const UWB_REACH_M: f64 = 10.0;
+/// Ticks between two ranges to a single tag.
+const TAG_TICKS: u32 = 5;
+/// One exchange in twenty is lost.
+const HEARD: f64 = 0.95;
 /// Poses of the marker from higher up are not used (Sec. 5.1), metres.
 const MARKER_HEIGHT_M: f64 = 30.0;
 /// Half of the camera's view (Raspberry Pi Camera 2: 62.2 by 48.8 degrees), as tangents.
@@ -54,6 +56,8 @@ pub(super) struct Sensors {
     mount_turn: UnitQuaternion<f64>,
     mount_off_m: Vector3<f64>,
     anchor_bias_m: [f64; 4],
+    /// Where one tag has to do.
+    single_tag: Option<SingleTag>,
     /// Poses of the marker that are being computed: when they will be there.
     under_way: VecDeque<(f64, Timed)>,
 }
@@ -68,8 +72,17 @@ impl Sensors {
         let mount_turn = UnitQuaternion::from_scaled_axis(vector(scenario.mount_turn_rad));
         let mount_off_m = vector(scenario.mount_off_m);
         let anchor_bias_m = [(); 4].map(|()| scenario.anchor_bias_m * normal(&mut rng));
+        let single_tag = (scenario.uwb && scenario.uwb_by == UwbBy::SingleTag).then(|| {
+            let place_sigma_m = scenario.first_bias_sigma_m();
+            SingleTag::new(SingleTagOptions {
+                place_sigma_m,
+                height_sigma_m: 1.5 * place_sigma_m,
+                ..SingleTagOptions::default()
+            })
+        });
         Self {
             rng,
+            single_tag,
             scenario: scenario.clone(),
             gps_bias_m: bias,
             gps_wander_m: Vector3::zeros(),
@@ -88,12 +101,16 @@ impl Sensors {
     }
 
     /// Velocity and turning rate of the last tick.
-    pub(super) fn input(&mut self, before: &Pose, after: &Pose, dt_s: f64) -> Input {
+    pub(super) fn input(&mut self, t_s: f64, before: &Pose, after: &Pose, dt_s: f64) -> Input {
         let rate = (before.attitude.inverse() * after.attitude).scaled_axis() / dt_s;
+        let velocity_m_s = (after.position_m - before.position_m) / dt_s
+            + self.velocity_offset_m_s
+            + self.noise(0.05);
+        if let Some(tag) = &mut self.single_tag {
+            tag.moved(t_s, &velocity_m_s, dt_s);
+        }
         Input {
-            velocity_m_s: (after.position_m - before.position_m) / dt_s
-                + self.velocity_offset_m_s
-                + self.noise(0.05),
+            velocity_m_s,
             rate_rad_s: rate + self.gyro_bias_rad_s + self.noise(0.01),
         }
     }
@@ -111,8 +128,12 @@ impl Sensors {
         if tick.is_multiple_of(GPS_TICKS) && !gps_lost {
             let error = self.gps_bias_m + self.gps_wander_m + self.noise(0.05);
             let turn = UnitQuaternion::from_scaled_axis(self.noise(0.01));
+            let position_m = truth.position_m + error;
+            if let Some(tag) = &mut self.single_tag {
+                tag.autopilot(t_s, &position_m);
+            }
             told.push(now(Measurement::Autopilot {
-                position_m: truth.position_m + error,
+                position_m,
                 attitude: truth.attitude * turn,
             }));
         }
@@ -122,8 +143,12 @@ impl Sensors {
             position_m: truth.position_m - Vector3::new(x, y, 0.0),
             attitude: truth.attitude,
         };
-        if tick.is_multiple_of(UWB_TICKS) && self.scenario.uwb {
-            told.extend(self.uwb(&from_platform.position_m).map(now));
+        if self.single_tag.is_some() {
+            if tick.is_multiple_of(TAG_TICKS) {
+                told.extend(self.by_tag(t_s, &from_platform.position_m).map(now));
+            }
+        } else if tick.is_multiple_of(UWB_TICKS) && self.scenario.uwb {
+            told.extend(self.by_anchors(&from_platform.position_m).map(now));
         }
         if tick.is_multiple_of(MARKER_TICKS)
             && let Some(marker) = self.marker(&from_platform)
@@ -174,16 +199,27 @@ impl Sensors {
         })
     }
 
-    fn uwb(&mut self, from_platform: &Vector3<f64>) -> Option<Measurement> {
+    /// The tag lies in the middle of the platform.
+    fn by_tag(&mut self, t_s: f64, from_platform: &Vector3<f64>) -> Option<Measurement> {
+        let [bias_m, ..] = self.anchor_bias_m;
+        let range_m = self.range_m(from_platform.norm(), bias_m)?;
+        self.single_tag.as_mut()?.range(t_s, range_m)
+    }
+
+    /// What is measured over a distance; nothing beyond reach, and where the exchange is lost.
+    fn range_m(&mut self, distance_m: f64, bias_m: f64) -> Option<f64> {
+        let range_m = distance_m + bias_m + self.scenario.range_sigma_m * normal(&mut self.rng);
+        let heard = distance_m <= self.scenario.uwb_reach_m && self.rng.random_bool(HEARD);
+        heard.then_some(range_m)
+    }
+
+    fn by_anchors(&mut self, from_platform: &Vector3<f64>) -> Option<Measurement> {
         let sigma_m = self.scenario.range_sigma_m;
         let ranges: Vec<AnchorRange> = (ANCHORS_M.iter().zip(self.anchor_bias_m))
             .filter_map(|(&anchor, bias_m)| {
                 let anchor_m = Vector3::from(anchor);
-                let distance_m = (from_platform - anchor_m).norm();
-                let range_m = distance_m + bias_m + sigma_m * normal(&mut self.rng);
-                // One exchange in twenty is lost.
-                let heard = distance_m <= UWB_REACH_M && self.rng.random_bool(0.95);
-                heard.then_some(AnchorRange {
+                let range_m = self.range_m((from_platform - anchor_m).norm(), bias_m)?;
+                Some(AnchorRange {
                     anchor_m,
                     range_m,
                     sigma_m,

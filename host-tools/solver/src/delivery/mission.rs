@@ -8,6 +8,7 @@
 //!     │  │       third failed landing: back with the package ▼
 //!     ▼  │                                              HandedOver  (the autopilot's own failsafe)
 //!   Holding    nothing tells the place: wait
+//!   Searching  near the ground and nothing there has been seen or heard: a spiral, until it is
 //!   Climbing   near the ground and unsure: up again, then another try
 //! ```
 //!
@@ -15,7 +16,8 @@
 //! |---|---|
 //! | GPS lost on the way | hold; back in time: go on; else hand over |
 //! | marker hidden, or UWB lost or stalled | the other is enough: go on |
-//! | both lost near the ground, or the place unsure | climb to the arc and try again; the third time back to the start |
+//! | neither seen nor heard near the ground | search in a spiral; found: go on; else climb and try again |
+//! | both lost near or on the ground, or the place unsure | climb to the arc and try again; the third time back to the start |
 //! | battery low | before half way back to the start; later deliver and stay |
 //! | battery empty | hand over: the autopilot lands at once |
 //! | outside the fence | back to the start; twice as far outside: hand over |
@@ -52,7 +54,7 @@ pub struct MissionOptions {
     pub length_m: f64,
     /// Height above which a landing is tried again, metres: h - r.
     pub retry_height_m: f64,
-    /// Below this height the marker or UWB must be heard, metres; minus infinity lands by GPS alone.
+    /// Below this height the marker or UWB must be heard, metres, a part lower with each further try; minus infinity lands by GPS alone.
     pub decision_height_m: f64,
     /// Below that height the horizontal sigma must be at most this, metres.
     pub most_sigma_m: f64,
@@ -63,6 +65,8 @@ pub struct MissionOptions {
     /// Near the ground the marker and UWB are lost when silent for so long, seconds: the large marker leaves the view
     /// before the ground is reached.
     pub local_lost_s: f64,
+    /// A search lasts so long at most, seconds.
+    pub longest_search_s: f64,
     /// A hold lasts so long at most, seconds.
     pub longest_hold_s: f64,
     /// Below this the battery does not suffice for the way there and back.
@@ -89,6 +93,11 @@ pub enum State {
         /// To the goal.
         forwards: bool,
     },
+    /// Looks about near the ground for what marks the goal, since then, seconds.
+    Searching {
+        /// Since when.
+        since_s: f64,
+    },
     /// Up again after a landing that was not sure.
     Climbing,
     /// On the ground: at the start, or at the goal when the battery keeps it there.
@@ -106,6 +115,8 @@ pub enum Order {
     FollowToStart,
     /// Stay where it is.
     Hold,
+    /// Fly a spiral about where this was first ordered ([`super::Spiral`]).
+    Search,
     /// Straight up.
     Climb,
     /// Open the holder.
@@ -121,6 +132,8 @@ pub enum Order {
 pub enum Trouble {
     /// Nothing tells the place.
     NoPlace,
+    /// Nothing that marks the goal is seen or heard.
+    NotFound,
     /// The place is not sure enough to land.
     Unsure,
     /// Too many landings were not sure.
@@ -171,6 +184,7 @@ impl Mission {
             State::Releasing => Order::Release,
             State::Returning => Order::FollowToStart,
             State::Holding { .. } => Order::Hold,
+            State::Searching { .. } => Order::Search,
             State::Climbing => Order::Climb,
             State::Finished => Order::Stop,
             State::HandedOver => Order::HandOver,
@@ -193,6 +207,19 @@ impl Mission {
         }
         match self.state {
             State::Delivering => self.delivering(now),
+            State::Searching { since_s } => {
+                if self.no_place(now) {
+                    self.hold(now, true)
+                } else if now.off_path_m > self.options.fence_m {
+                    self.trouble(now, Trouble::Fence, State::Returning)
+                } else if self.is_sure(now) {
+                    State::Delivering
+                } else if now.on_ground || now.t_s - since_s > self.options.longest_search_s {
+                    self.unsure(now)
+                } else {
+                    self.state
+                }
+            }
             State::Climbing => {
                 if self.no_place(now) {
                     return self.hold(now, true);
@@ -238,7 +265,9 @@ impl Mission {
     fn delivering(&mut self, now: &Situation) -> State {
         let o = self.options;
         let beyond_half = now.along_m > 0.5 * o.length_m;
-        if now.on_ground && beyond_half {
+        let sure = self.is_sure(now);
+        let lands_unseen = o.decision_height_m == f64::NEG_INFINITY;
+        if now.on_ground && beyond_half && (sure || lands_unseen) {
             return State::Releasing;
         }
         if now.off_path_m > o.fence_m {
@@ -247,21 +276,35 @@ impl Mission {
         if now.battery < o.low_battery && !beyond_half {
             return self.trouble(now, Trouble::LowBattery, State::Returning);
         }
-        if beyond_half && now.height_m < o.decision_height_m {
-            // NaN fails the comparison.
-            let sure = now.sigma_m <= o.most_sigma_m && now.local_age_s <= o.local_lost_s;
-            if !sure {
-                self.failed_tries += 1;
-                if self.failed_tries >= o.tries {
-                    return self.trouble(now, Trouble::TooManyTries, State::Returning);
-                }
-                return self.trouble(now, Trouble::Unsure, State::Climbing);
+        // The height may be off by metres: each further try looks from lower, and the ground may come first.
+        let tried = f64::from(self.failed_tries) / f64::from(o.tries.max(1));
+        let is_low = now.on_ground || now.height_m < o.decision_height_m * (1.0 - tried);
+        if beyond_half && is_low && !sure {
+            let not_found = !(now.on_ground || now.local_age_s <= o.local_lost_s);
+            if not_found {
+                let search = State::Searching { since_s: now.t_s };
+                return self.trouble(now, Trouble::NotFound, search);
             }
+            return self.unsure(now);
         }
         if self.no_place(now) {
             return self.hold(now, true);
         }
         State::Delivering
+    }
+
+    fn is_sure(&self, now: &Situation) -> bool {
+        // NaN fails the comparison.
+        now.sigma_m <= self.options.most_sigma_m && now.local_age_s <= self.options.local_lost_s
+    }
+
+    /// Another try, or none.
+    fn unsure(&mut self, now: &Situation) -> State {
+        self.failed_tries += 1;
+        if self.failed_tries >= self.options.tries {
+            return self.trouble(now, Trouble::TooManyTries, State::Returning);
+        }
+        self.trouble(now, Trouble::Unsure, State::Climbing)
     }
 
     fn no_place(&self, now: &Situation) -> bool {

@@ -13,6 +13,7 @@
 //! Body: forward, left, up. Two filters stand behind one trait: [`EulerEkf`] is the paper's, [`ErrorStateFilter`] the one that is
 //! better; [`Delayed`] lets either take measurements that come late.
 
+mod circling;
 mod delayed;
 mod error_state;
 mod euler_ekf;
@@ -21,7 +22,10 @@ mod filter;
 mod frame;
 mod mission;
 mod path;
+mod single_tag;
+mod spiral;
 
+pub use circling::Circling;
 pub use delayed::Delayed;
 pub use error_state::{ErrorStateFilter, ErrorStateOptions};
 pub use euler_ekf::{EulerEkf, EulerEkfOptions};
@@ -30,3 +34,5 @@ pub use filter::{CameraMount, Input, LandingFilter, Measurement, Pose, Verdict};
 pub use frame::DeliveryFrame;
 pub use mission::{Mission, MissionOptions, Order, Situation, State, Trouble};
 pub use path::{DeliveryPath, PathFault, Sector};
+pub use single_tag::{SingleTag, SingleTagOptions};
+pub use spiral::Spiral;
