@@ -108,3 +108,24 @@ fn one_tag_in_place_of_four_anchors_is_enough_to_land_on_the_platform() {
     assert_eq!(row["on_platform"], 6);
     assert!(row["off_centre_m"].as_f64().unwrap() < 0.3);
 }
+
+#[test]
+fn a_vehicle_that_only_listens_to_the_anchors_lands_on_the_platform() {
+    let nova = Nova::new();
+    let listening = "uwb_by = \"differences\"\nlarge_marker = false\nsmall_marker = false\nreturn_trip = false\n";
+    nova.file("listen.toml", format!("{SHORT}{listening}"));
+    let said = nova.run(&[
+        "deliver",
+        "--scenario",
+        "listen.toml",
+        "--trials",
+        "8",
+        "--json",
+    ]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let row = &said.json()[0]["row"];
+    println!("{row}");
+    assert_eq!(row["on_platform"], 8);
+    assert!(row["off_centre_m"].as_f64().unwrap() < 0.25);
+    assert!(row["estimate_error_m"].as_f64().unwrap() < 0.15);
+}

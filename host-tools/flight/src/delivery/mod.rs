@@ -16,6 +16,7 @@
 mod craft;
 mod flight;
 mod lander;
+mod listening;
 mod many;
 mod recording;
 mod scenario;

@@ -23,6 +23,8 @@ pub enum UwbBy {
     Ranges,
     /// Ranges to one tag on the platform: NOVA's navigator, and a descent that circles.
     SingleTag,
+    /// The vehicle only listens while they range among themselves.
+    Differences,
 }
 
 /// A delivery. The defaults are the paper's Sec. 5.1, its noises ours.

@@ -1,5 +1,6 @@
 //! What the vehicle measures.
 
+use super::listening::by_differences;
 use super::scenario::{Scenario, UwbBy};
 use crate::streams::normal;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -18,6 +19,8 @@ const UWB_TICKS: u32 = 10;
 const TAG_TICKS: u32 = 5;
 /// One exchange in twenty is lost.
 const HEARD: f64 = 0.95;
+/// So many places share their anchors' biases: a filter must not take a hundred of them for ten times better than one.
+const REPEATED: f64 = 20.0;
 /// Poses of the marker from higher up are not used (Sec. 5.1), metres.
 const MARKER_HEIGHT_M: f64 = 30.0;
 /// Half of the camera's view (Raspberry Pi Camera 2: 62.2 by 48.8 degrees), as tangents.
@@ -148,7 +151,7 @@ impl Sensors {
                 told.extend(self.by_tag(t_s, &from_platform.position_m).map(now));
             }
         } else if tick.is_multiple_of(UWB_TICKS) && self.scenario.uwb {
-            told.extend(self.by_anchors(&from_platform.position_m).map(now));
+            told.extend(self.uwb(&from_platform.position_m).map(now));
         }
         if tick.is_multiple_of(MARKER_TICKS)
             && let Some(marker) = self.marker(&from_platform)
@@ -213,6 +216,17 @@ impl Sensors {
         heard.then_some(range_m)
     }
 
+    /// By the four anchors.
+    fn uwb(&mut self, from_platform: &Vector3<f64>) -> Option<Measurement> {
+        if self.scenario.uwb_by != UwbBy::Differences {
+            return self.by_anchors(from_platform);
+        }
+        let biases = self.anchor_bias_m.into_iter();
+        let anchors: Vec<_> = ANCHORS_M.into_iter().zip(biases).collect();
+        let (rng, scenario) = (&mut self.rng, &self.scenario);
+        by_differences(rng, scenario, &anchors, from_platform, HEARD, REPEATED)
+    }
+
     fn by_anchors(&mut self, from_platform: &Vector3<f64>) -> Option<Measurement> {
         let sigma_m = self.scenario.range_sigma_m;
         let ranges: Vec<AnchorRange> = (ANCHORS_M.iter().zip(self.anchor_bias_m))
@@ -234,13 +248,11 @@ impl Sensors {
             ..MultilaterationOptions::default()
         };
         let found = locate(&ranges, &options).ok()?.found;
-        // Biases of anchors do not average out: the filter must not take a hundred places for ten times better than one. What
-        // they do to a place is what noise of their size does.
+        // What biases do to a place is what noise of their size does.
         let bias = (self.scenario.anchor_bias_m / sigma_m).powi(2);
-        let repeated = 20.0;
         Some(Measurement::Uwb {
             position_m: found.position_m,
-            covariance_m2: found.covariance_m2 * (1.0 + repeated * bias),
+            covariance_m2: found.covariance_m2 * (1.0 + REPEATED * bias),
         })
     }
 
