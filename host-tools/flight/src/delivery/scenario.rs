@@ -23,7 +23,7 @@ pub enum UwbBy {
     Ranges,
     /// Ranges to one tag on the platform: NOVA's navigator, and a descent that circles.
     SingleTag,
-    /// The vehicle only listens while they range among themselves.
+    /// The vehicle only listens while the four anchors range among themselves.
     Differences,
 }
 
