@@ -1,0 +1,24 @@
+"""Reads a recording of `nova deliver --record` with the format's own Python package, checks its CRCs and each message against its schema.
+
+Needs mcap and jsonschema. With nova.mcap as argument:  nova deliver --record nova.mcap && python3 read.py nova.mcap
+"""
+
+import json
+import sys
+from collections import Counter
+
+import jsonschema
+from mcap.reader import make_reader
+
+with open(sys.argv[1], "rb") as file:
+    validators, messages = {}, Counter()
+    reader = make_reader(file, validate_crcs=True)
+    for schema, channel, message in reader.iter_messages():
+        assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+        if schema.id not in validators:
+            validators[schema.id] = jsonschema.Draft202012Validator(json.loads(schema.data))
+        validators[schema.id].validate(json.loads(message.data))
+        messages[channel.topic] += 1
+    assert sum(messages.values()) == reader.get_summary().statistics.message_count
+for topic, count in messages.items():
+    print(f"{topic}: {count} messages, all by its schema")
