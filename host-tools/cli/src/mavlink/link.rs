@@ -313,6 +313,48 @@ mod tests {
         assert_eq!(&buffer, b"two");
     }
 
+    /// The other end of a new terminal, put where the link looks for its port.
+    #[cfg(unix)]
+    fn plug_in(port: &std::path::Path) -> std::fs::File {
+        use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+        let _ = std::fs::remove_file(port);
+        std::os::unix::fs::symlink(name, port).unwrap();
+        std::fs::File::from(master)
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_serial_line_carries_both_ways_and_is_opened_again_when_it_comes_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let port = folder.path().join("ttyAutopilot");
+        let mut autopilot = plug_in(&port);
+        let (link, news) = open(&format!("serial:{}:921600", port.display()));
+        autopilot.write_all(b"one\r\n").unwrap();
+        let mut came = Vec::new();
+        while came.len() < 5 {
+            came.extend(bytes(&news));
+        }
+        // A terminal would have made other bytes of these.
+        assert_eq!(came, b"one\r\n");
+        let frame: Vec<u8> = (0..=255).collect();
+        assert!(link.send(&frame));
+        let mut got = [0; 256];
+        autopilot.read_exact(&mut got).unwrap();
+        assert_eq!(got.as_slice(), frame);
+        drop(autopilot);
+        assert!(matches!(news.recv().unwrap(), LinkNews::Lost(_)));
+        let mut autopilot = plug_in(&port);
+        assert!(matches!(news.recv().unwrap(), LinkNews::Back));
+        assert!(link.send(b"two"));
+        let mut buffer = [0; 3];
+        autopilot.read_exact(&mut buffer).unwrap();
+        assert_eq!(&buffer, b"two");
+    }
+
     #[test]
     fn what_cannot_be_opened_is_told() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
