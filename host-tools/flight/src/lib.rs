@@ -8,9 +8,11 @@
 //! [`Autopilot`], [`Wind`], [`Imu`], [`Barometer`], [`UwbLink`]. [`SCurve`] and [`Positioning`] are
 //! for flights whose path is given. [`vertiport`] is an experiment of its own: anchors surveyed from the
 //! air, and GNSS, UWB and inertial sensor fused. [`tracking`] is another: a vehicle that follows a moving target.
+//! [`camera`] draws pictures of the landing platform.
 
 mod autopilot;
 mod barometer;
+pub mod camera;
 mod closed_loop;
 pub mod delivery;
 mod error;

@@ -35,7 +35,8 @@ pub fn trial_seed(base_seed: u64, trial: u64) -> u64 {
     scramble(scramble(base_seed).wrapping_add(trial))
 }
 
-fn scramble(number: u64) -> u64 {
+/// A number that has nothing in common with this one.
+pub(crate) fn scramble(number: u64) -> u64 {
     let mut z = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

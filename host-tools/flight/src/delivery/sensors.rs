@@ -27,9 +27,9 @@ const MARKER_HEIGHT_M: f64 = 30.0;
 const VIEW: [f64; 2] = [0.6032, 0.4536];
 /// Its focal length, pixels of an image 1280 wide.
 const FOCAL_PX: f64 = 1061.0;
-/// A marker's side has to be so many pixels to be read.
+/// A marker's side has to be so many pixels to be read (judged on pictures: docs/delivery.md).
 const LEAST_PX: f64 = 20.0;
-/// How well a corner is found, pixels.
+/// How well a corner is found, pixels: worse than in clear pictures, as bad as with some motion.
 const CORNER_PX: f64 = 1.0;
 /// Sides of the two markers, metres (Sec. 4.2.1).
 const SIDES_M: [f64; 2] = [0.8, 0.09];
