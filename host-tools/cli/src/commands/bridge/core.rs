@@ -319,7 +319,7 @@ impl Bridge {
         let sigma_m = horizontal_sigma_m(&estimate.relative_covariance_m2?);
         // NaN fails the comparison.
         let sure = sigma_m <= self.orders.most_sigma_m;
-        if !sure || doubts.ambiguous || doubts.frozen_ins {
+        if !sure || doubts.weak_geometry || doubts.ambiguous || doubts.frozen_ins {
             return None;
         }
         let node = self.nodes.get(peer)?;

@@ -139,6 +139,17 @@ fn orders() -> Orders {
 
 /// Flies `for_s` seconds past a tag that is ranged at 10 Hz with errors of up to 5 cm.
 fn fly(kind: MavAutopilot, weather: Weather, seed: u64, for_s: f64) -> Took {
+    ranged_every(100, kind, weather, seed, for_s)
+}
+
+/// The same with a range every so many milliseconds.
+fn ranged_every(
+    range_ms: u32,
+    kind: MavAutopilot,
+    weather: Weather,
+    seed: u64,
+    for_s: f64,
+) -> Took {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut bridge = Bridge::new(orders(), START_S);
     let mut wire = Wire {
@@ -215,7 +226,7 @@ fn fly(kind: MavAutopilot, weather: Weather, seed: u64, for_s: f64) -> Took {
                 bridge.message(header, &message, now_s, &mut wire);
             });
         }
-        if ms % 100 == 20 {
+        if ms >= 20 && (ms - 20).is_multiple_of(range_ms) {
             let range_m = (path(t_s) - Vector3::from(TAG_M)).norm() + rng.random_range(-0.05..0.05);
             let heard = Heard {
                 peer: Peer::Number(7),
@@ -251,11 +262,16 @@ fn px4_is_told_the_landing_place_from_its_own_origin() {
     assert_eq!(took.ranges.len(), 500);
     let (_, last) = took.targets.last().unwrap();
     assert_eq!(last.frame, MavFrame::MAV_FRAME_LOCAL_NED);
-    let error_m = (place(last) - ned_from_enu(TAG_M.into())).norm();
+    let off_m = |target| (place(target) - ned_from_enu(TAG_M.into())).norm();
+    let error_m = off_m(last);
+    let worst_m =
+        (took.targets.iter()).fold(0.0, |worst, (_, target)| f64::max(worst, off_m(target)));
     println!(
-        "{} targets, the last {error_m:.3} m off",
+        "{} targets, the last {error_m:.3} m off, the worst {worst_m:.3} m",
         took.targets.len()
     );
+    // Three times the sigma above which none is told.
+    assert!(worst_m < 3.0, "{worst_m}");
     assert!(took.targets.len() > 100 && error_m < 0.3, "{error_m}");
     // Times are ours, as TIMESYNC says them.
     assert!((last.time_usec as f64 * 1e-6 - (START_S + 50.0)).abs() < 0.2);
@@ -266,6 +282,22 @@ fn px4_is_told_the_landing_place_from_its_own_origin() {
         took.clock_doubt_s
     );
     assert!(!took.fly.is_empty());
+}
+
+/// After a second and two metres of flight a place at the vehicle's own height explains a hundred ranges as well.
+#[test]
+fn what_a_short_path_cannot_tell_is_not_told_however_many_ranges_there_are() {
+    for seed in 2025..2029 {
+        let took = ranged_every(10, MavAutopilot::MAV_AUTOPILOT_PX4, FAIR, seed, 12.0);
+        let off_m = |target| (place(target) - ned_from_enu(TAG_M.into())).norm();
+        let worst_m =
+            (took.targets.iter()).fold(0.0, |worst, (_, target)| f64::max(worst, off_m(target)));
+        println!(
+            "{} targets, the worst {worst_m:.3} m off",
+            took.targets.len()
+        );
+        assert!(took.targets.len() > 100 && worst_m < 3.0, "{worst_m}");
+    }
 }
 
 #[test]
