@@ -169,14 +169,20 @@ impl Pair {
     }
 
     /// What differs after a step, if anything does; `Err` when the programs part because they are known to differ:
-    /// rsemu drops ITSTATE where an exception begins or ends within an IT block, and takes it one further at a fault.
+    /// rsemu drops ITSTATE where an exception begins or ends within an IT block, and takes it one further at a fault;
+    /// it enters HardFault again where an SVC or a BKPT in it locks the processor up.
     fn known_step(&mut self) -> Result<Option<String>, ()> {
         const ITSTATE: u32 = 0x0600_FC00;
+        const SVC: u16 = 0xDF;
+        const BKPT: u16 = 0xBE;
         let before = self.core.registers().xpsr;
+        let instruction = self.memory.fetch(self.core.pc());
+        let instruction_traps = matches!(instruction.map(|first| first >> 8), Some(SVC | BKPT));
         let difference = self.step();
         let exceptions = before ^ self.core.registers().xpsr;
         let faulted = exceptions & 0x1FF != 0 || self.core.is_locked_up();
-        if before & ITSTATE != 0 && faulted {
+        let nested = self.core.is_locked_up() && !self.model.is_locked_up();
+        if before & ITSTATE != 0 && faulted || nested && instruction_traps {
             return Err(());
         }
         Ok(difference)
@@ -373,5 +379,24 @@ fn an_interrupt_within_an_it_block_comes_back_into_it() {
         let registers = core.registers();
         assert_eq!([registers.r[1], registers.r[2]], [0, 6], "before step {n}");
         assert_eq!(registers.r[15], ENTRY + 8);
+    }
+}
+
+/// Armv7-M ARM, B1.5.15: what escalates to HardFault at HardFault's own priority is a lockup.
+#[test]
+fn a_call_or_a_breakpoint_within_hardfault_locks_the_processor_up() {
+    for trap in [0xDF00u16, 0xBE00] {
+        let mut code = vec![0; CODE_BYTES as usize];
+        // HardFault at 0x300.
+        code[..16].copy_from_slice(&[0, 8, 0, 0x20, 1, 2, 0, 0, 0, 0, 0, 0, 1, 3, 0, 0]);
+        // UDF; in the handler the trap.
+        code[ENTRY as usize..][..2].copy_from_slice(&0xDE00u16.to_le_bytes());
+        code[0x300..0x302].copy_from_slice(&trap.to_le_bytes());
+        let ram = vec![0; RAM_BYTES as usize];
+        let (mut core, mut memory) = (Core::new(3), Memory { code, ram });
+        for (step, locked_up) in [false, false, true].into_iter().enumerate() {
+            core.step(&mut memory);
+            assert_eq!(core.is_locked_up(), locked_up, "{trap:#x}, step {step}");
+        }
     }
 }

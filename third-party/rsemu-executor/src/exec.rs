@@ -870,14 +870,23 @@ impl<'a, B: Bus> Exec<'a, B> {
             self.state.sys.hfsr |= fsr::HF_FORCED;
             target = Exception::HARD_FAULT;
         }
-        if target == Exception::HARD_FAULT && prio <= -1 {
-            // A HardFault at a priority HardFault cannot preempt is a lockup.
+        if target == Exception::HARD_FAULT {
+            self.hard_fault(return_address);
+        } else {
+            self.exception_entry(target, return_address);
+        }
+    }
+
+    /// A HardFault, or a lockup at a priority HardFault cannot preempt,
+    /// whatever escalated to it: `SVC` and `BKPT` too (DDI 0403 B1.5.15).
+    fn hard_fault(&mut self, return_address: u32) {
+        if self.state.execution_priority() <= -1 {
             self.state.locked_up = true;
             self.state.r[15] = 0xffff_fffe;
             self.branched = true;
-            return;
+        } else {
+            self.exception_entry(Exception::HARD_FAULT, return_address);
         }
-        self.exception_entry(target, return_address);
     }
 
     /// Push the exception frame and vector to a handler (DDI 0403 B1.5.6).
@@ -1707,7 +1716,7 @@ impl<'a, B: Bus> Exec<'a, B> {
                 // HardFault with `DEBUGEVT` (DDI 0403 C1.4.1).
                 self.state.sys.hfsr |= fsr::HF_DEBUGEVT;
                 let ret = self.insn_addr.wrapping_add(2);
-                self.exception_entry(Exception::HARD_FAULT, ret);
+                self.hard_fault(ret);
                 Ok(())
             }
             Insn::Svc { imm } => {
@@ -1718,7 +1727,7 @@ impl<'a, B: Bus> Exec<'a, B> {
                     // An `SVC` that cannot preempt the current priority is a
                     // HardFault, not a pending SVCall (DDI 0403 B1.5.4).
                     self.state.sys.hfsr |= fsr::HF_FORCED;
-                    self.exception_entry(Exception::HARD_FAULT, ret);
+                    self.hard_fault(ret);
                 } else {
                     self.exception_entry(Exception::SVCALL, ret);
                 }
