@@ -4,11 +4,25 @@ use crate::table::{Column, Row, Table};
 use anyhow::Result;
 use nalgebra::Vector3;
 use nova_solver::geodesy::{Geodetic, LocalFrame};
+use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
 /// Three numbers with commas between.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(from = "[f64; 3]", into = "[f64; 3]")]
 pub(crate) struct Triple(pub(crate) Vector3<f64>);
+
+impl From<[f64; 3]> for Triple {
+    fn from(numbers: [f64; 3]) -> Self {
+        Self(numbers.into())
+    }
+}
+
+impl From<Triple> for [f64; 3] {
+    fn from(Triple(numbers): Triple) -> Self {
+        numbers.into()
+    }
+}
 
 impl FromStr for Triple {
     type Err = String;

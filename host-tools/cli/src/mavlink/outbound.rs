@@ -11,12 +11,14 @@ use mavlink::dialects::common::{
     PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA, TIMESYNC_DATA,
 };
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// Farther a DW1000 does not range, centimetres.
 const FARTHEST_CM: u16 = 30_000;
 
 /// In which frame LANDING_TARGET says where the target is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub(crate) enum TargetFrame {
     /// From the autopilot's origin: what PX4 takes.
     LocalNed,

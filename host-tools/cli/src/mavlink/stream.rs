@@ -143,6 +143,14 @@ impl Numbers {
     }
 }
 
+/// The message of one frame.
+///
+/// # Errors
+/// What is wrong with the frame.
+pub(crate) fn one(frame: &[u8]) -> Result<(MavHeader, MavMessage), MessageReadError> {
+    MavlinkReader::with_capacity(frame.len(), frame).read_any_message()
+}
+
 /// Numbers and packs what we say.
 pub(crate) struct Outgoing {
     header: MavHeader,

@@ -1,9 +1,10 @@
 """A PX4 made of pymavlink on the other end of `nova bridge`: what it is sent, beside what is true.
 
-    pip install pymavlink==2.4.50 && python3 autopilot.py PATH/TO/nova [SECONDS]
+    pip install pymavlink==2.4.50 && python3 autopilot.py PATH/TO/nova [SECONDS [FILE.mcap]]
 
 Two simulated boards: one circles on the vehicle, one is the tag on the ground. The autopilot flies the same circle and tells its places;
 the bridge's ranges, landing places, waypoints, requests and times are read by pymavlink and held against the truth.
+With a file's name the bridge records itself into it.
 Ends with an error where one is wrong, or a message did not come.
 """
 import json
@@ -21,6 +22,7 @@ from pymavlink import mavutil  # noqa: E402
 from pymavlink.dialects.v20 import common as m  # noqa: E402
 
 nova, seconds = sys.argv[1], float(sys.argv[2]) if len(sys.argv) > 2 else 60.0
+record = ["--record", sys.argv[3]] if len(sys.argv) > 3 else []
 # ENU; `nova simulate` moves a board at 1 m/s on its circle.
 CENTRE, RADIUS, TAG = (0.0, 0.0, 12.0), 6.0, (2.0, 3.0, 0.0)
 
@@ -47,7 +49,7 @@ begin = time.monotonic()
 autopilot = mavutil.mavlink_connection(f"udpin:127.0.0.1:{udp}", dialect="common", source_system=1, source_component=1)
 lines = tempfile.TemporaryFile("w+")
 bridge = subprocess.Popen(
-    [nova, "bridge", "--json", "--fly", "--board", f"tcp://127.0.0.1:{tcp}", "--mavlink", f"udp:127.0.0.1:{udp}"],
+    [nova, "bridge", "--json", "--fly", "--board", f"tcp://127.0.0.1:{tcp}", "--mavlink", f"udp:127.0.0.1:{udp}"] + record,
     stdout=lines, text=True)
 
 came, worst, wrong = {}, {}, []

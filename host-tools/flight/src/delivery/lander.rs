@@ -90,10 +90,9 @@ impl Lander {
                 (m.taken_s, measurement)
             }
             Event::Uwb(u) => {
-                let [x, y, z] = u.covariance_m2.map(Vector3::from);
                 let measurement = Measurement::Uwb {
                     position_m: u.position_m.into(),
-                    covariance_m2: Matrix3::from_columns(&[x, y, z]).transpose(),
+                    covariance_m2: Matrix3::from_row_slice(&u.covariance_m2),
                 };
                 (u.taken_s, measurement)
             }

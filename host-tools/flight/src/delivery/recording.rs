@@ -84,8 +84,8 @@ pub struct UwbRecord {
     pub taken_s: f64,
     /// Metres.
     pub position_m: [f64; 3],
-    /// Rows of its covariance, square metres.
-    pub covariance_m2: [[f64; 3]; 3],
+    /// Its covariance row by row, square metres: common viewers know no lists of lists.
+    pub covariance_m2: [f64; 9],
 }
 
 /// What the filter says.
@@ -187,7 +187,7 @@ pub(super) fn measured(t_s: f64, taken_s: f64, measurement: &Measurement) -> Eve
             t_s,
             taken_s,
             position_m: (*position_m).into(),
-            covariance_m2: covariance_m2.transpose().into(),
+            covariance_m2: std::array::from_fn(|k| covariance_m2[(k / 3, k % 3)]),
         }),
     }
 }

@@ -13,16 +13,17 @@ use crate::commands::guide::guided::Guided;
 use crate::commands::guide::lines::{News, Summary};
 use crate::commands::guide::options::NavigatorOptions;
 use crate::commands::guide::pairing::{Heard, Outcome, Pairing};
+use crate::error::bad_input;
 use crate::mavlink::clock::nanoseconds;
-use crate::mavlink::inbound;
+use crate::mavlink::inbound::{Reading, readings};
 use crate::mavlink::outbound::{self, Target, TargetFrame};
 use crate::mavlink::vehicle::{self, Vehicle};
 use crate::peer::Peer;
+use anyhow::Result;
 use mavlink::MavHeader;
 use mavlink::dialects::common::MavMessage;
 use nalgebra::Vector3;
 use nova_solver::navigation::{Action, Estimate, InsSample, horizontal_sigma_m};
-use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Heartbeats and questions for the time, seconds apart.
@@ -48,44 +49,48 @@ pub(super) struct Orders {
     pub(super) fly: bool,
     /// How often the vehicle shall tell its place, Hz; 0 asks for nothing.
     pub(super) rate_hz: f32,
-    /// Whether lines are wanted.
-    pub(super) lines: bool,
-    /// Whether readings are wanted as lines too.
+    /// Whether news of the navigators are wanted.
+    pub(super) news: bool,
+    /// Whether readings of the autopilot's sensors are wanted.
     pub(super) readings: bool,
     /// How navigators are set up.
     pub(super) navigator: NavigatorOptions,
+}
+
+impl Orders {
+    /// Whether all numbers can be used.
+    pub(super) fn check(&self) -> Result<()> {
+        self.navigator.check()?;
+        if !(self.most_sigma_m.is_finite() && self.most_sigma_m > 0.0) {
+            return Err(bad_input!("--max-sigma must be more than 0"));
+        }
+        if !(0.0..=200.0).contains(&self.rate_hz) {
+            return Err(bad_input!("--rate must be between 0 and 200 Hz"));
+        }
+        Ok(())
+    }
+}
+
+/// What the bridge is given.
+pub(super) enum Given<'a> {
+    /// A range.
+    Range(Heard),
+    /// A message.
+    Message(MavHeader, &'a MavMessage),
+    /// It is time to do what is due.
+    Time,
 }
 
 /// What is to be done with what the bridge says.
 pub(super) trait Outlet {
     /// A message for the autopilot; whether it went out.
     fn send(&mut self, message: &MavMessage) -> bool;
-    /// A line for whoever listens.
-    fn line(&mut self, line: &dyn erased::Line);
+    /// News of a navigator.
+    fn news(&mut self, news: &News<'_>);
+    /// A reading of the autopilot's sensors, taken at `t_s` on our clock.
+    fn reading(&mut self, t_s: f64, reading: &Reading);
     /// Something for the eyes of people.
     fn tell(&mut self, text: &str);
-}
-
-/// Lines of several types through one door.
-pub(super) mod erased {
-    /// Something that is one line of JSON.
-    pub(in crate::commands::bridge) trait Line {
-        /// The line, without its end.
-        fn json(&self) -> serde_json::Result<String>;
-    }
-
-    impl<T: serde::Serialize> Line for T {
-        fn json(&self) -> serde_json::Result<String> {
-            serde_json::to_string(self)
-        }
-    }
-}
-
-/// A reading as a line.
-#[derive(Serialize)]
-struct ReadingLine<'a> {
-    t_s: f64,
-    reading: &'a inbound::Reading,
 }
 
 /// The bridge.
@@ -124,14 +129,25 @@ impl Bridge {
         }
     }
 
-    /// Takes a range; `told` is called as soon as it has been passed on.
-    pub(super) fn range(
-        &mut self,
-        heard: Heard,
-        now_s: f64,
-        out: &mut impl Outlet,
-        told: &mut impl FnMut(),
-    ) {
+    /// Takes what has come at `now_s`.
+    pub(super) fn take(&mut self, given: Given<'_>, now_s: f64, out: &mut impl Outlet) {
+        match given {
+            Given::Range(heard) => self.range(heard, now_s, out),
+            Given::Message(header, message) => self.message(header, message, now_s, out),
+            Given::Time => self.time(now_s, out),
+        }
+    }
+
+    /// When there is something to do next: then it is to be given [`Given::Time`].
+    pub(super) fn due_s(&self) -> f64 {
+        let there = self.vehicle.identity().is_some();
+        let when = |is: bool, at_s: f64| if is { at_s } else { f64::INFINITY };
+        (self.next_beat_s)
+            .min(when(there && self.orders.rate_hz > 0.0, self.next_ask_s))
+            .min(when(there && self.orders.fly, self.next_fly_s))
+    }
+
+    fn range(&mut self, heard: Heard, now_s: f64, out: &mut impl Outlet) {
         if self
             .orders
             .only
@@ -157,18 +173,14 @@ impl Bridge {
         let boot_ms = self.boot_ms(heard.range.t_s);
         let range_m = heard.range.range_m;
         match outbound::distance_sensor(number, range_m, sigma_m, boot_ms, towards) {
-            Some(message) => {
-                self.sent.distance_sensor.note(out.send(&message));
-                told();
-            }
+            Some(message) => self.sent.distance_sensor.note(out.send(&message)),
             None => self.sent.ranges_refused += 1,
         }
         self.pairing.range(heard);
         self.work(out);
     }
 
-    /// Takes a message that has come.
-    pub(super) fn message(
+    fn message(
         &mut self,
         header: MavHeader,
         message: &MavMessage,
@@ -176,12 +188,9 @@ impl Bridge {
         out: &mut impl Outlet,
     ) {
         if self.orders.readings {
-            for (taken, reading) in inbound::readings(message).unwrap_or_default() {
+            for (taken, reading) in readings(message).unwrap_or_default() {
                 let t_s = self.vehicle.time_of(taken, now_s);
-                out.line(&ReadingLine {
-                    t_s,
-                    reading: &reading,
-                });
+                out.reading(t_s, &reading);
             }
         }
         match self.vehicle.take(header, message, now_s) {
@@ -214,8 +223,7 @@ impl Bridge {
         }
     }
 
-    /// Does what is due at `now_s`; when to be called again.
-    pub(super) fn tick(&mut self, now_s: f64, out: &mut impl Outlet) -> f64 {
+    fn time(&mut self, now_s: f64, out: &mut impl Outlet) {
         if now_s >= self.next_beat_s {
             self.next_beat_s = now_s + BEAT_S;
             self.sent.heartbeat.note(out.send(&outbound::heartbeat()));
@@ -243,12 +251,6 @@ impl Bridge {
                 }
             }
         }
-        let fly_s = if self.orders.fly {
-            self.next_fly_s
-        } else {
-            f64::INFINITY
-        };
-        self.next_beat_s.min(fly_s)
     }
 
     /// What the end of the run has to say.
@@ -276,12 +278,12 @@ impl Bridge {
                         node.guided.pass_over();
                     }
                 }
-                Outcome::Paired(place, heard) => self.take(place, &heard, out),
+                Outcome::Paired(place, heard) => self.paired(place, &heard, out),
             }
         }
     }
 
-    fn take(&mut self, place: InsSample, heard: &Heard, out: &mut impl Outlet) {
+    fn paired(&mut self, place: InsSample, heard: &Heard, out: &mut impl Outlet) {
         let options = &self.orders.navigator;
         let Some(node) = self.nodes.get_mut(&heard.peer) else {
             return;
@@ -290,11 +292,10 @@ impl Bridge {
         let make = || options.navigator(&place, heard);
         (node.guided).take(place, heard, make, options.arrival_radius);
         let updated = updates(&node.guided) != before;
-        if self.orders.lines
+        if self.orders.news
             && let Some(news) = node.guided.news(place.t_s)
         {
-            let news: News<'_> = news;
-            out.line(&news);
+            out.news(&news);
         }
         // One landing place at a time: that of the node asked for, or of the first heard.
         if updated && self.target() == Some(&heard.peer) {

@@ -2,15 +2,18 @@
 
 mod core;
 mod counts;
+pub(super) mod journal;
+mod lines;
 mod pace;
 #[cfg(test)]
 mod tests;
 
-use crate::commands::guide::lines::Summary;
+use crate::commands::guide::lines::{News, Summary};
 use crate::commands::guide::live::{Arrival, HostClock, hear_board};
 use crate::commands::guide::options::NavigatorOptions;
 use crate::error::bad_input;
 use crate::interrupt;
+use crate::mavlink::inbound::Reading;
 use crate::mavlink::link::LinkNews;
 use crate::mavlink::outbound::TargetFrame;
 use crate::mavlink::stream::{FrameCounts, Incoming, Outgoing};
@@ -20,11 +23,13 @@ use crate::peer::Peer;
 use crate::sim_node::BAUD;
 use crate::source::{self, RETRY, Source};
 use anyhow::Result;
-use core::{Orders, Outlet};
+use core::{Given, Orders, Outlet};
 use counts::{Latency, Quantiles, Sent};
+use journal::Journal;
+use lines::Lines;
 use mavlink::dialects::common::MavMessage;
 use serde::Serialize;
-use std::io::{StdoutLock, Write};
+use std::io::Write;
 use std::path::PathBuf;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -39,13 +44,15 @@ use std::time::{Duration, Instant};
 /// The vehicle's mode is never changed: to land on the node switch to the autopilot's precision landing, to fly by --fly to its offboard
 /// or guided mode.
 ///
-/// A capture as --board is played at the pace at which it was recorded. Ctrl-C ends with a summary.
+/// A capture as --board is played at the pace at which it was recorded. Ctrl-C ends with a summary. --record keeps all that was heard and
+/// said, for common viewers and for `nova replay`, which gives the same estimates from it.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   nova bridge --board /dev/ttyACM0 --mavlink udpin:0.0.0.0:14540                PX4 (SITL or a companion computer)
   nova bridge --board /dev/ttyACM0 --mavlink serial:/dev/ttyAMA0:921600         ArduPilot on a telemetry port
   nova bridge --board tcp://127.0.0.1:7000 --mavlink tcp:127.0.0.1:5760 --json  both ends simulated
-  nova bridge --board anchor.bin --mavlink udp:127.0.0.1:14550 --peer 7         a capture, to a ground station")]
+  nova bridge --board anchor.bin --mavlink udp:127.0.0.1:14550 --peer 7         a capture, to a ground station
+  nova bridge --board /dev/ttyACM0 --mavlink udpin:0.0.0.0:14540 --record flight.mcap")]
 pub(crate) struct Bridge {
     /// Where the ranges come from: a serial port, tcp://HOST:PORT, a capture, or `-`.
     #[arg(long, value_name = "PORT|tcp://HOST:PORT|FILE|-")]
@@ -88,15 +95,18 @@ pub(crate) struct Bridge {
     /// With --json: a line for each reading of the autopilot's sensors too, SI units.
     #[arg(long, requires = "json")]
     readings: bool,
+    /// Record all that is heard and said.
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
 }
 
 /// What comes from either side.
-enum News {
+enum Came {
     Board(Arrival, Instant),
     Autopilot(LinkNews),
 }
 
-impl From<Arrival> for News {
+impl From<Arrival> for Came {
     fn from(arrival: Arrival) -> Self {
         Self::Board(arrival, Instant::now())
     }
@@ -118,28 +128,74 @@ struct Ended<'a> {
     sent: Sent,
     /// From a range's bytes in this program to its DISTANCE_SENSOR out of it.
     latency: Option<Quantiles>,
+    /// Lines that nobody took in time.
+    lines_dropped: u64,
     nodes: &'a [Summary],
+}
+
+/// A reading as a line.
+#[derive(Serialize)]
+struct ReadingLine<'a> {
+    t_s: f64,
+    reading: &'a Reading,
 }
 
 /// Where messages and lines go.
 struct Out<'a> {
     link: &'a Link,
     frames: Outgoing,
-    lines: StdoutLock<'static>,
-    trouble: Option<anyhow::Error>,
+    lines: Lines,
+    /// Whether news and readings are lines.
+    told: (bool, bool),
+    journal: Option<Journal>,
+    /// What became of the recording.
+    recorded: Result<()>,
+    latency: Latency,
+    /// What the bridge works on: when it was given to it, and when it arrived if it is a range.
+    given_s: f64,
+    arrived: Option<Instant>,
+}
+
+impl Out<'_> {
+    /// The flight is worth more than its recording.
+    fn give_up_recording_that_failed(&mut self) {
+        if let Some(journal) = self.journal.take_if(|journal| journal.has_failed()) {
+            self.recorded = journal.finish();
+            if let Err(error) = &self.recorded {
+                eprintln!("{error:#}: nothing more is recorded; the bridge goes on");
+            }
+        }
+    }
 }
 
 impl Outlet for Out<'_> {
     fn send(&mut self, message: &MavMessage) -> bool {
-        self.link.send(self.frames.pack(message))
+        let frame = self.frames.pack(message);
+        let sent = self.link.send(frame);
+        if let (MavMessage::DISTANCE_SENSOR(_), Some(arrived)) = (message, self.arrived) {
+            self.latency.note(arrived.elapsed());
+        }
+        if let Some(journal) = &mut self.journal {
+            journal.said(self.given_s, message, frame, sent);
+        }
+        sent
     }
 
-    fn line(&mut self, line: &dyn core::erased::Line) {
-        let written = (line.json().map_err(anyhow::Error::from))
-            .and_then(|json| Ok(writeln!(self.lines, "{json}")?))
-            .and_then(|()| Ok(self.lines.flush()?));
-        if let Err(error) = written {
-            self.trouble.get_or_insert(error);
+    fn news(&mut self, news: &News<'_>) {
+        if let Some(journal) = &mut self.journal {
+            journal.news(self.given_s, news);
+        }
+        if self.told.0 {
+            self.lines.line(news);
+        }
+    }
+
+    fn reading(&mut self, t_s: f64, reading: &Reading) {
+        if let Some(journal) = &mut self.journal {
+            journal.reading(self.given_s, t_s, reading);
+        }
+        if self.told.1 {
+            self.lines.line(&ReadingLine { t_s, reading });
         }
     }
 
@@ -151,37 +207,39 @@ impl Outlet for Out<'_> {
 impl Bridge {
     pub(crate) fn run(self) -> Result<()> {
         self.check()?;
+        let orders = self.orders();
+        orders.check()?;
         let board = self.open_board()?;
-        interrupt::catch()?;
         let clock = HostClock::start();
-        let (to_us, news) = mpsc::channel();
+        let start_s = clock.now_s();
+        interrupt::catch()?;
+        let (to_us, came) = mpsc::channel();
         let from_autopilot = to_us.clone();
-        let deliver = move |news| from_autopilot.send(News::Autopilot(news)).is_ok();
+        let deliver = move |news| from_autopilot.send(Came::Autopilot(news)).is_ok();
         let link = Link::open(&self.mavlink, deliver)?;
+        let begin = |path: &PathBuf| Journal::begin(path, &orders, start_s);
+        let journal = self.record.as_ref().map(begin).transpose()?;
         std::thread::spawn(move || hear_board(board, clock, &to_us));
 
         let mut out = Out {
             link: &link,
             frames: Outgoing::of(self.system, self.component),
-            lines: std::io::stdout().lock(),
-            trouble: None,
+            lines: Lines::to_stdout(),
+            told: (self.json, self.readings),
+            journal,
+            recorded: Ok(()),
+            latency: Latency::default(),
+            given_s: start_s,
+            arrived: None,
         };
-        let (json, place) = (self.json, self.mavlink.to_string());
-        let mut bridge = core::Bridge::new(self.orders(), clock.now_s());
+        let mut bridge = core::Bridge::new(orders, start_s);
         let mut incoming = Incoming::new();
-        let mut latency = Latency::default();
-        let end = pump(
-            &news,
-            clock,
-            &mut bridge,
-            &mut incoming,
-            &mut out,
-            &mut latency,
-            &place,
-        );
-        if let Some(trouble) = out.trouble.take() {
-            return Err(trouble);
+        let place = self.mavlink.to_string();
+        let end = pump(&came, clock, &mut bridge, &mut incoming, &mut out, &place);
+        if let Some(journal) = out.journal.take() {
+            out.recorded = journal.finish();
         }
+        let lines_dropped = out.lines.finish()?;
         let (sent, vehicle, nodes) = bridge.conclude();
         let ended = Ended {
             autopilot: vehicle.identity(),
@@ -189,27 +247,22 @@ impl Bridge {
             received: incoming.counts(),
             vehicle: vehicle.counts(),
             sent,
-            latency: latency.quantiles(),
+            latency: out.latency.quantiles(),
+            lines_dropped,
             nodes: &nodes,
         };
-        if json {
-            serde_json::to_writer(&mut out.lines, &End { end: ended })?;
-            writeln!(out.lines)?;
+        let mut last = std::io::stdout().lock();
+        if self.json {
+            serde_json::to_writer(&mut last, &End { end: ended })?;
+            writeln!(last)?;
         } else {
-            summarise(&mut out.lines, &ended)?;
+            summarise(&mut last, &ended)?;
         }
-        out.lines.flush()?;
-        end
+        last.flush()?;
+        end.and(out.recorded)
     }
 
     fn check(&self) -> Result<()> {
-        self.navigator.check()?;
-        if !(self.max_sigma.is_finite() && self.max_sigma > 0.0) {
-            return Err(bad_input!("--max-sigma must be more than 0"));
-        }
-        if !(0.0..=200.0).contains(&self.rate) {
-            return Err(bad_input!("--rate must be between 0 and 200 Hz"));
-        }
         if self.system == 0 || self.component == 0 {
             return Err(bad_input!(
                 "--system and --component must be more than 0, which stands for all"
@@ -230,64 +283,61 @@ impl Bridge {
         }
     }
 
-    fn orders(self) -> Orders {
+    fn orders(&self) -> Orders {
         Orders {
             only: self.peer.as_deref().map(Peer::from),
             frame: self.frame,
             most_sigma_m: self.max_sigma,
             fly: self.fly,
             rate_hz: self.rate,
-            lines: self.json,
-            readings: self.readings,
-            navigator: self.navigator,
+            news: self.json || self.record.is_some(),
+            readings: self.readings || self.record.is_some(),
+            navigator: self.navigator.clone(),
         }
     }
 }
 
 /// Carries on until the board ends or Ctrl-C.
 fn pump(
-    news: &mpsc::Receiver<News>,
+    came: &mpsc::Receiver<Came>,
     clock: HostClock,
     bridge: &mut core::Bridge,
     incoming: &mut Incoming,
     out: &mut Out<'_>,
-    latency: &mut Latency,
     place: &str,
 ) -> Result<()> {
     /// How often Ctrl-C is looked for.
     const PATIENCE_S: f64 = 0.1;
-    while !interrupt::caught() && out.trouble.is_none() {
-        let due_s = bridge.tick(clock.now_s(), out);
-        let wait_s = (due_s - clock.now_s()).clamp(0.0, PATIENCE_S);
-        let news = match news.recv_timeout(Duration::from_secs_f64(wait_s)) {
-            Ok(news) => news,
+    while !interrupt::caught() && !out.lines.have_nobody() {
+        let now_s = clock.now_s();
+        if now_s >= bridge.due_s() {
+            hand(bridge, Given::Time, now_s, None, out);
+        }
+        let wait_s = (bridge.due_s() - clock.now_s()).clamp(0.0, PATIENCE_S);
+        let came = match came.recv_timeout(Duration::from_secs_f64(wait_s)) {
+            Ok(came) => came,
             Err(mpsc::RecvTimeoutError::Timeout) => continue,
             Err(mpsc::RecvTimeoutError::Disconnected) => return Ok(()),
         };
-        match news {
-            News::Board(Arrival::Range(heard), arrived) => {
-                bridge.range(heard, clock.now_s(), out, &mut || {
-                    latency.note(arrived.elapsed())
-                });
+        let now_s = clock.now_s();
+        match came {
+            Came::Board(Arrival::Range(heard), arrived) => {
+                hand(bridge, Given::Range(heard), now_s, Some(arrived), out);
             }
-            News::Board(Arrival::Ins(_), _) => {}
-            News::Board(Arrival::Unusable(why), _) => eprintln!("{why}"),
-            News::Board(Arrival::BoardEnded(end), _) => return end,
-            News::Autopilot(LinkNews::Lost(why)) => {
+            Came::Board(Arrival::Ins(_), _) => {}
+            Came::Board(Arrival::Unusable(why), _) => eprintln!("{why}"),
+            Came::Board(Arrival::BoardEnded(end), _) => return end,
+            Came::Autopilot(LinkNews::Lost(why)) => {
                 incoming.begin_anew();
                 eprintln!("{place}: lost, trying again: {why}");
             }
-            News::Autopilot(LinkNews::Back) => eprintln!("{place}: reached again"),
-            News::Autopilot(LinkNews::Bytes(bytes)) => {
-                let now_s = clock.now_s();
-                incoming.bytes(&bytes, |header, message| {
-                    bridge.message(header, &message, now_s, out);
-                });
-            }
-            News::Autopilot(LinkNews::Datagram(bytes)) => {
-                let now_s = clock.now_s();
+            Came::Autopilot(LinkNews::Back) => eprintln!("{place}: reached again"),
+            Came::Autopilot(LinkNews::Bytes(bytes)) => incoming.bytes(&bytes, |header, message| {
+                hand(bridge, Given::Message(header, &message), now_s, None, out);
+            }),
+            Came::Autopilot(LinkNews::Datagram(bytes)) => {
                 incoming.datagram(&bytes, |header, message| {
-                    bridge.message(header, &message, now_s, out);
+                    hand(bridge, Given::Message(header, &message), now_s, None, out);
                 });
             }
         }
@@ -296,6 +346,23 @@ fn pump(
         }
     }
     Ok(())
+}
+
+/// Gives the bridge something, for the record too.
+fn hand(
+    bridge: &mut core::Bridge,
+    given: Given<'_>,
+    now_s: f64,
+    arrived: Option<Instant>,
+    out: &mut Out<'_>,
+) {
+    if let Some(journal) = &mut out.journal {
+        journal.given(now_s, &given);
+    }
+    out.given_s = now_s;
+    out.arrived = arrived;
+    bridge.take(given, now_s, out);
+    out.give_up_recording_that_failed();
 }
 
 fn summarise(out: &mut impl Write, ended: &Ended<'_>) -> Result<()> {

@@ -1,11 +1,16 @@
 //! The bridge against a simulated autopilot, in simulated time, through a network that may be bad.
 
-use super::core::{Bridge, Orders, Outlet, erased};
+use super::core::{Bridge, Given, Orders, Outlet};
+use super::journal::{Again, Journal};
+use crate::commands::guide::lines::News;
 use crate::commands::guide::options::NavigatorOptions;
 use crate::commands::guide::pairing::Heard;
 use crate::mavlink::frames::{Attitude, ned_from_enu};
+use crate::mavlink::inbound::Reading;
 use crate::mavlink::stream::{Incoming, Outgoing};
 use crate::peer::Peer;
+use crate::recording::file::{Place, Player, play};
+use crate::recording::schema::check::every_message_fits_its_schema;
 use clap::Parser;
 use mavlink::dialects::common::{
     ATTITUDE_DATA, DISTANCE_SENSOR_DATA, HEARTBEAT_DATA, LANDING_TARGET_DATA,
@@ -17,6 +22,7 @@ use nova_solver::navigation::RangeSample;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
 
 /// Our clock when the autopilot was switched on, and when it is first heard.
 const BOOT_S: f64 = 1_000.0;
@@ -89,33 +95,50 @@ impl Air {
 struct Wire {
     frames: Outgoing,
     datagrams: Vec<Vec<u8>>,
-    lines: usize,
+    news: usize,
+    now_s: f64,
+    journal: Journal,
 }
 
 impl Outlet for Wire {
     fn send(&mut self, message: &MavMessage) -> bool {
-        self.datagrams.push(self.frames.pack(message).to_vec());
+        let frame = self.frames.pack(message);
+        self.journal.said(self.now_s, message, frame, true);
+        self.datagrams.push(frame.to_vec());
         true
     }
 
-    fn line(&mut self, line: &dyn erased::Line) {
-        line.json().unwrap();
-        self.lines += 1;
+    fn news(&mut self, news: &News<'_>) {
+        self.journal.news(self.now_s, news);
+        self.news += 1;
+    }
+
+    fn reading(&mut self, t_s: f64, reading: &Reading) {
+        self.journal.reading(self.now_s, t_s, reading);
     }
 
     fn tell(&mut self, _: &str) {}
 }
 
+impl Wire {
+    fn give(&mut self, bridge: &mut Bridge, given: Given<'_>, now_s: f64) {
+        self.now_s = now_s;
+        self.journal.given(now_s, &given);
+        bridge.take(given, now_s, self);
+    }
+}
+
 /// What an autopilot took in.
 #[derive(Default)]
 struct Took {
+    recording: Vec<u8>,
     targets: Vec<(f64, LANDING_TARGET_DATA)>,
     ranges: Vec<DISTANCE_SENSOR_DATA>,
     fly: Vec<SET_POSITION_TARGET_LOCAL_NED_DATA>,
     heartbeats: usize,
     clock_doubt_s: Option<f64>,
     restarts: u64,
-    lines: usize,
+    news: usize,
 }
 
 #[derive(Parser)]
@@ -131,8 +154,8 @@ fn orders() -> Orders {
         most_sigma_m: 1.0,
         fly: true,
         rate_hz: 30.0,
-        lines: true,
-        readings: false,
+        news: true,
+        readings: true,
         navigator: Line::parse_from(["test"]).navigator,
     }
 }
@@ -152,10 +175,14 @@ fn ranged_every(
 ) -> Took {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut bridge = Bridge::new(orders(), START_S);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bridge.mcap");
     let mut wire = Wire {
         frames: Outgoing::of(1, 191),
         datagrams: Vec::new(),
-        lines: 0,
+        news: 0,
+        now_s: START_S,
+        journal: Journal::begin(&file, &orders(), START_S).unwrap(),
     };
     let mut autopilot = Outgoing::of(1, 1);
     let (mut to_bridge, mut to_autopilot) = (Air::default(), Air::default());
@@ -223,7 +250,7 @@ fn ranged_every(
         // The bridge's.
         for datagram in to_bridge.arrived(ms) {
             at_bridge.datagram(&datagram, |header, message| {
-                bridge.message(header, &message, now_s, &mut wire);
+                wire.give(&mut bridge, Given::Message(header, &message), now_s);
             });
         }
         if ms >= 20 && (ms - 20).is_multiple_of(range_ms) {
@@ -235,9 +262,11 @@ fn ranged_every(
                     range_m,
                 },
             };
-            bridge.range(heard, now_s, &mut wire, &mut || ());
+            wire.give(&mut bridge, Given::Range(heard), now_s);
         }
-        bridge.tick(now_s, &mut wire);
+        if now_s >= bridge.due_s() {
+            wire.give(&mut bridge, Given::Time, now_s);
+        }
         for datagram in wire.datagrams.drain(..) {
             to_autopilot.send(ms, &datagram, weather, &mut rng);
         }
@@ -246,7 +275,9 @@ fn ranged_every(
     assert_eq!(nodes.len(), 1);
     took.clock_doubt_s = vehicle.clock_doubt_s();
     took.restarts = vehicle.counts().restarts;
-    took.lines = wire.lines;
+    took.news = wire.news;
+    wire.journal.finish().unwrap();
+    took.recording = std::fs::read(file).unwrap();
     took
 }
 
@@ -258,7 +289,7 @@ fn place(target: &LANDING_TARGET_DATA) -> Vector3<f64> {
 fn px4_is_told_the_landing_place_from_its_own_origin() {
     let took = fly(MavAutopilot::MAV_AUTOPILOT_PX4, FAIR, 2025, 50.0);
     assert!(took.heartbeats >= 49, "{}", took.heartbeats);
-    assert!(took.lines > 300, "{}", took.lines);
+    assert!(took.news > 300, "{}", took.news);
     assert_eq!(took.ranges.len(), 500);
     let (_, last) = took.targets.last().unwrap();
     assert_eq!(last.frame, MavFrame::MAV_FRAME_LOCAL_NED);
@@ -329,6 +360,73 @@ fn what_is_doubtful_is_not_told() {
         "{}",
         took.targets.len()
     );
+}
+
+fn replayed(recording: &[u8]) -> (String, anyhow::Result<()>) {
+    let begin = |place: &Place<'_>, data: &[u8]| {
+        let again = Again::begin(place, data)?;
+        Ok(Some(Box::new(again) as Box<dyn Player>))
+    };
+    let mut said = Vec::new();
+    let end = play("bridge.mcap", recording, begin, &mut said);
+    (String::from_utf8(said).unwrap(), end)
+}
+
+/// A network at its worst, and what was recorded there.
+fn recorded() -> (usize, Vec<u8>) {
+    let weather = Weather {
+        loss: 0.2,
+        twice: 0.2,
+        longest_ms: 200,
+    };
+    let took = fly(MavAutopilot::MAV_AUTOPILOT_PX4, weather, 2025, 30.0);
+    (took.news, took.recording)
+}
+
+#[test]
+fn a_recording_holds_all_that_was_said_and_says_it_again_byte_for_byte() {
+    let (news, recording) = recorded();
+    every_message_fits_its_schema(&recording);
+    let mut estimates = String::new();
+    let mut topics = BTreeMap::new();
+    for message in mcap::MessageStream::new(&recording).unwrap() {
+        let message = message.unwrap();
+        *topics.entry(message.channel.topic.clone()).or_insert(0) += 1;
+        if message.channel.topic == "/estimate" {
+            estimates += std::str::from_utf8(&message.data).unwrap();
+            estimates.push('\n');
+        }
+    }
+    println!("{topics:?}, {} bytes", recording.len());
+    assert_eq!(topics["/estimate"], news);
+    assert_eq!(topics["/range"], 300);
+    assert!(topics["/position"] > 300 && topics["/attitude"] > 300);
+    assert!(topics["/mavlink/out"] > 600);
+    let (said, end) = replayed(&recording);
+    end.unwrap();
+    assert!(news > 100 && said == estimates);
+}
+
+#[test]
+fn of_a_recording_that_was_cut_off_all_is_played_up_to_there() {
+    let (_, recording) = recorded();
+    let (whole, _) = replayed(&recording);
+    for part in 1..10 {
+        let (said, end) = replayed(&recording[..recording.len() * part / 10]);
+        let error = end.unwrap_err();
+        assert!(
+            error.downcast_ref::<crate::error::BadInput>().is_some(),
+            "{error:?}"
+        );
+        assert!(whole.starts_with(&said) && said.len() < whole.len());
+        // Chunks of 64 KiB.
+        assert!(
+            part < 3 || said.len() * 10 > whole.len() * (part - 2),
+            "{part}: {} of {}",
+            said.len(),
+            whole.len()
+        );
+    }
 }
 
 proptest! {

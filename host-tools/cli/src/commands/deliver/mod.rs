@@ -3,7 +3,8 @@
 mod page;
 
 use crate::error::bad_input;
-use crate::recording::Recording;
+use crate::files::read_toml;
+use crate::recording::delivery::Recording;
 use crate::screen;
 use anyhow::Result;
 use nova_flight::delivery::{
@@ -153,10 +154,7 @@ impl Deliver {
         let Some(path) = &self.scenario else {
             return Ok(Scenario::default());
         };
-        let name = path.display();
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| bad_input!("{name}: cannot be read: {error}"))?;
-        toml::from_str(&text).map_err(|error| bad_input!("{name}: {error}"))
+        read_toml(path)
     }
 
     fn rows(&self, scenario: &Scenario) -> Vec<(&'static str, Scenario)> {

@@ -45,7 +45,7 @@ pub(crate) struct Believed {
 }
 
 /// A [`Command`] in JSON.
-#[derive(Serialize)]
+#[derive(Clone, Copy, Serialize)]
 pub(crate) struct Ordered {
     id: u32,
     action: &'static str,
@@ -53,7 +53,7 @@ pub(crate) struct Ordered {
     ins_error: InsErrorLine,
 }
 
-#[derive(Serialize)]
+#[derive(Clone, Copy, Serialize)]
 struct InsErrorLine {
     t_s: f64,
     position_m: [f64; 3],

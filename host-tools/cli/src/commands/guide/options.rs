@@ -6,15 +6,19 @@ use crate::place::Triple;
 use anyhow::Result;
 use nova_solver::map::{MapNavigator, MapOptions};
 use nova_solver::navigation::{FirstGuess, InsSample, Navigator};
+use serde::{Deserialize, Serialize};
 
 /// What the navigator is told beforehand.
-#[derive(clap::Args)]
+#[derive(Clone, Debug, clap::Args, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct NavigatorOptions {
     /// Where the tag is said to be, ENU metres. Without it: anywhere as far away as the first range.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     first_guess: Option<Triple>,
     /// How far --first-guess may be off along each axis, metres (one sigma).
     #[arg(long, value_name = "M", requires = "first_guess")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     guess_sigma: Option<f64>,
     /// Constant error of ranges to expect, metres.
     #[arg(

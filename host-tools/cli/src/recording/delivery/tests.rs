@@ -1,9 +1,12 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use mcap::MessageStream;
+use crate::recording::file::play;
+use crate::recording::schema::check::every_message_fits_its_schema;
+use mcap::{MessageStream, Writer};
 use nova_flight::delivery::{FilterKind, deliver};
 use proptest::prelude::*;
+use std::io::Cursor;
 use std::sync::OnceLock;
 
 /// A short flight, or its beginning, as a file; and what its filter said.
@@ -58,7 +61,11 @@ fn short() -> &'static Made {
 
 fn replayed(bytes: &[u8]) -> Result<Vec<u8>> {
     let mut out = Vec::new();
-    replay("flight.mcap", bytes, &mut out).map(|()| out)
+    let begin = |place: &Place<'_>, data: &[u8]| {
+        let flight = Flight::begin(place, data)?;
+        Ok(Some(Box::new(flight) as Box<dyn Player>))
+    };
+    play("flight.mcap", bytes, begin, &mut out).map(|()| out)
 }
 
 #[test]
@@ -69,7 +76,7 @@ fn a_replay_says_what_the_flight_said_byte_for_byte_with_either_filter() {
         assert!(lines > 1000, "{lines}");
         let messages = MessageStream::new(&made.file).unwrap();
         let topics: Vec<String> = messages.map(|m| m.unwrap().channel.topic.clone()).collect();
-        for topic in schema::TOPICS {
+        for topic in TOPICS {
             assert!(topics.iter().any(|t| t == topic.name), "{}", topic.name);
         }
         assert!(replayed(&made.file).unwrap() == made.said);
@@ -78,38 +85,7 @@ fn a_replay_says_what_the_flight_said_byte_for_byte_with_either_filter() {
 
 #[test]
 fn messages_have_the_fields_of_their_schemas() {
-    let made = make(FilterKind::ErrorState, f64::INFINITY);
-    for message in MessageStream::new(&made.file).unwrap() {
-        let message = message.unwrap();
-        let schema = message.channel.schema.clone().unwrap();
-        assert_eq!(schema.encoding, "jsonschema");
-        let schema: serde_json::Value = serde_json::from_slice(&schema.data).unwrap();
-        let value: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
-        fits(&value, &schema);
-    }
-}
-
-/// The part of JSON Schema that ours use.
-fn fits(value: &serde_json::Value, schema: &serde_json::Value) {
-    match schema["type"].as_str().unwrap() {
-        "object" => {
-            let fields = schema["properties"].as_object().unwrap();
-            let value = value.as_object().unwrap();
-            assert!(value.keys().eq(fields.keys()), "{value:?} {fields:?}");
-            for (name, field) in fields {
-                fits(&value[name], field);
-            }
-        }
-        "array" => {
-            let items = value.as_array().unwrap();
-            assert_eq!(Some(items.len() as u64), schema["minItems"].as_u64());
-            assert_eq!(Some(items.len() as u64), schema["maxItems"].as_u64());
-            items.iter().for_each(|item| fits(item, &schema["items"]));
-        }
-        "number" => assert!(value.is_number(), "{value}"),
-        "string" => assert!(value.is_string(), "{value}"),
-        other => assert_eq!(other, "a type that is used"),
-    }
+    every_message_fits_its_schema(&make(FilterKind::ErrorState, f64::INFINITY).file);
 }
 
 #[test]
@@ -117,7 +93,7 @@ fn another_programs_recording_is_told_from_ours() {
     let mut writer = Writer::new(Cursor::new(Vec::new())).unwrap();
     writer.finish().unwrap();
     let error = replayed(&writer.into_inner().into_inner()).unwrap_err();
-    assert!(error.to_string().contains("no delivery in it"), "{error}");
+    assert!(error.to_string().contains("nothing in it"), "{error}");
 }
 
 proptest! {
