@@ -4,35 +4,32 @@ mod core;
 mod counts;
 pub(super) mod journal;
 mod lines;
+mod out;
 mod pace;
+mod summary;
 #[cfg(test)]
 mod tests;
 
-use crate::commands::guide::lines::{News, Summary};
 use crate::commands::guide::live::{Arrival, HostClock, hear_board};
 use crate::commands::guide::options::NavigatorOptions;
 use crate::error::bad_input;
 use crate::interrupt;
-use crate::mavlink::inbound::Reading;
 use crate::mavlink::link::LinkNews;
 use crate::mavlink::outbound::TargetFrame;
-use crate::mavlink::stream::{FrameCounts, Incoming, Outgoing};
-use crate::mavlink::vehicle::{Identity, VehicleCounts};
+use crate::mavlink::stream::{Incoming, Outgoing};
 use crate::mavlink::{Link, MavPlace};
 use crate::peer::Peer;
 use crate::sim_node::BAUD;
 use crate::source::{self, RETRY, Source};
 use anyhow::Result;
-use core::{Given, Orders, Outlet};
-use counts::{Latency, Quantiles, Sent};
+use core::{Given, Orders};
 use journal::Journal;
-use lines::Lines;
-use mavlink::dialects::common::MavMessage;
-use serde::Serialize;
+use out::{Out, Told};
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
+use summary::{End, Ended, summarise};
 
 /// Tells an autopilot (PX4, ArduPilot) over MAVLink 2 what a board measures and where to land.
 ///
@@ -112,98 +109,6 @@ impl From<Arrival> for Came {
     }
 }
 
-/// The last line.
-#[derive(Serialize)]
-struct End<'a> {
-    end: Ended<'a>,
-}
-
-#[derive(Serialize)]
-struct Ended<'a> {
-    autopilot: Option<Identity>,
-    /// How far its clock may be off from ours.
-    clock_doubt_s: Option<f64>,
-    received: FrameCounts,
-    vehicle: VehicleCounts,
-    sent: Sent,
-    /// From a range's bytes in this program to its DISTANCE_SENSOR out of it.
-    latency: Option<Quantiles>,
-    /// Lines that nobody took in time.
-    lines_dropped: u64,
-    nodes: &'a [Summary],
-}
-
-/// A reading as a line.
-#[derive(Serialize)]
-struct ReadingLine<'a> {
-    t_s: f64,
-    reading: &'a Reading,
-}
-
-/// Where messages and lines go.
-struct Out<'a> {
-    link: &'a Link,
-    frames: Outgoing,
-    lines: Lines,
-    /// Whether news and readings are lines.
-    told: (bool, bool),
-    journal: Option<Journal>,
-    /// What became of the recording.
-    recorded: Result<()>,
-    latency: Latency,
-    /// What the bridge works on: when it was given to it, and when it arrived if it is a range.
-    given_s: f64,
-    arrived: Option<Instant>,
-}
-
-impl Out<'_> {
-    /// The flight is worth more than its recording.
-    fn give_up_recording_that_failed(&mut self) {
-        if let Some(journal) = self.journal.take_if(|journal| journal.has_failed()) {
-            self.recorded = journal.finish();
-            if let Err(error) = &self.recorded {
-                eprintln!("{error:#}: nothing more is recorded; the bridge goes on");
-            }
-        }
-    }
-}
-
-impl Outlet for Out<'_> {
-    fn send(&mut self, message: &MavMessage) -> bool {
-        let frame = self.frames.pack(message);
-        let sent = self.link.send(frame);
-        if let (MavMessage::DISTANCE_SENSOR(_), Some(arrived)) = (message, self.arrived) {
-            self.latency.note(arrived.elapsed());
-        }
-        if let Some(journal) = &mut self.journal {
-            journal.said(self.given_s, message, frame, sent);
-        }
-        sent
-    }
-
-    fn news(&mut self, news: &News<'_>) {
-        if let Some(journal) = &mut self.journal {
-            journal.news(self.given_s, news);
-        }
-        if self.told.0 {
-            self.lines.line(news);
-        }
-    }
-
-    fn reading(&mut self, t_s: f64, reading: &Reading) {
-        if let Some(journal) = &mut self.journal {
-            journal.reading(self.given_s, t_s, reading);
-        }
-        if self.told.1 {
-            self.lines.line(&ReadingLine { t_s, reading });
-        }
-    }
-
-    fn tell(&mut self, text: &str) {
-        eprintln!("{text}");
-    }
-}
-
 impl Bridge {
     pub(crate) fn run(self) -> Result<()> {
         self.check()?;
@@ -221,25 +126,17 @@ impl Bridge {
         let journal = self.record.as_ref().map(begin).transpose()?;
         std::thread::spawn(move || hear_board(board, clock, &to_us));
 
-        let mut out = Out {
-            link: &link,
-            frames: Outgoing::of(self.system, self.component),
-            lines: Lines::to_stdout(),
-            told: (self.json, self.readings),
-            journal,
-            recorded: Ok(()),
-            latency: Latency::default(),
-            given_s: start_s,
-            arrived: None,
+        let frames = Outgoing::of(self.system, self.component);
+        let told = Told {
+            news: self.json,
+            readings: self.readings,
         };
+        let mut out = Out::new(&link, frames, told, journal);
         let mut bridge = core::Bridge::new(orders, start_s);
         let mut incoming = Incoming::new();
         let place = self.mavlink.to_string();
         let end = pump(&came, clock, &mut bridge, &mut incoming, &mut out, &place);
-        if let Some(journal) = out.journal.take() {
-            out.recorded = journal.finish();
-        }
-        let lines_dropped = out.lines.finish()?;
+        let noted = out.finish()?;
         let (sent, vehicle, nodes) = bridge.conclude();
         let ended = Ended {
             autopilot: vehicle.identity(),
@@ -247,8 +144,8 @@ impl Bridge {
             received: incoming.counts(),
             vehicle: vehicle.counts(),
             sent,
-            latency: out.latency.quantiles(),
-            lines_dropped,
+            latency: noted.latency,
+            lines_dropped: noted.lines_dropped,
             nodes: &nodes,
         };
         let mut last = std::io::stdout().lock();
@@ -259,7 +156,7 @@ impl Bridge {
             summarise(&mut last, &ended)?;
         }
         last.flush()?;
-        end.and(out.recorded)
+        end.and(noted.recorded)
     }
 
     fn check(&self) -> Result<()> {
@@ -308,7 +205,7 @@ fn pump(
 ) -> Result<()> {
     /// How often Ctrl-C is looked for.
     const PATIENCE_S: f64 = 0.1;
-    while !interrupt::caught() && !out.lines.have_nobody() {
+    while !interrupt::caught() && !out.has_nobody() {
         let now_s = clock.now_s();
         if now_s >= bridge.due_s() {
             hand(bridge, Given::Time, now_s, None, out);
@@ -342,7 +239,7 @@ fn pump(
             }
         }
         if let Some(system) = bridge.system() {
-            out.frames.join(system);
+            out.join(system);
         }
     }
     Ok(())
@@ -356,84 +253,6 @@ fn hand(
     arrived: Option<Instant>,
     out: &mut Out<'_>,
 ) {
-    if let Some(journal) = &mut out.journal {
-        journal.given(now_s, &given);
-    }
-    out.given_s = now_s;
-    out.arrived = arrived;
+    out.given(&given, now_s, arrived);
     bridge.take(given, now_s, out);
-    out.give_up_recording_that_failed();
-}
-
-fn summarise(out: &mut impl Write, ended: &Ended<'_>) -> Result<()> {
-    match ended.autopilot {
-        Some(id) => writeln!(
-            out,
-            "autopilot  system {}, component {}, {:?}",
-            id.system, id.component, id.kind
-        )?,
-        None => writeln!(
-            out,
-            "autopilot  none was heard: is it sending to this address?"
-        )?,
-    }
-    if let Some(doubt_s) = ended.clock_doubt_s {
-        writeln!(out, "its clock  known to {:.1} ms", doubt_s * 1e3)?;
-    }
-    let FrameCounts {
-        frames,
-        lost,
-        repeated,
-        unusable,
-    } = ended.received;
-    writeln!(
-        out,
-        "received   {frames} frames; {lost} lost, {repeated} repeated, {unusable} unusable"
-    )?;
-    let VehicleCounts {
-        places,
-        late,
-        restarts,
-        ..
-    } = ended.vehicle;
-    writeln!(
-        out,
-        "           {places} places; {late} too late, {restarts} restarts"
-    )?;
-    let sent = &ended.sent;
-    writeln!(
-        out,
-        "sent       {} DISTANCE_SENSOR; {} ranges refused",
-        sent.distance_sensor.sent, sent.ranges_refused
-    )?;
-    writeln!(
-        out,
-        "           {} LANDING_TARGET; {} withheld",
-        sent.landing_target.sent, sent.landing_target_withheld
-    )?;
-    if let Some(Quantiles {
-        p50_ms,
-        p99_ms,
-        max_ms,
-    }) = ended.latency
-    {
-        writeln!(
-            out,
-            "latency    {p50_ms:.3} ms half, {p99_ms:.3} ms 99 %, {max_ms:.3} ms at most"
-        )?;
-    }
-    for node in ended.nodes {
-        let place = node.estimate.as_ref().map_or_else(
-            || "nothing known".to_owned(),
-            |e| format!("{:.3} {:.3} {:.3} m", e.tag_m[0], e.tag_m[1], e.tag_m[2]),
-        );
-        writeln!(
-            out,
-            "node {:<6} {place}; {} ranges, {} unpaired",
-            node.peer.to_string(),
-            node.ranges,
-            node.unpaired
-        )?;
-    }
-    Ok(())
 }
