@@ -26,6 +26,37 @@ pub(crate) struct Series<'a> {
     pub(crate) points: &'a [Point],
 }
 
+impl<'a> Series<'a> {
+    /// Joined by a line.
+    pub(crate) fn line(label: &'a str, color: RGBColor, points: &'a [Point]) -> Self {
+        Self::of(Style::Line, label, color, points)
+    }
+
+    /// Small dots.
+    pub(crate) fn dots(label: &'a str, color: RGBColor, points: &'a [Point]) -> Self {
+        Self::of(Style::Dots, label, color, points)
+    }
+
+    /// A large cross each.
+    pub(crate) fn crosses(label: &'a str, color: RGBColor, points: &'a [Point]) -> Self {
+        Self::of(Style::Cross, label, color, points)
+    }
+
+    /// A large circle each.
+    pub(crate) fn circles(label: &'a str, color: RGBColor, points: &'a [Point]) -> Self {
+        Self::of(Style::Circle, label, color, points)
+    }
+
+    fn of(style: Style, label: &'a str, color: RGBColor, points: &'a [Point]) -> Self {
+        Self {
+            label,
+            style,
+            color,
+            points,
+        }
+    }
+}
+
 /// How points look.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Style {
@@ -86,6 +117,24 @@ impl<'a> Axis<'a> {
             ..self
         }
     }
+}
+
+/// A chart with linear axes that show all there is, as an SVG element.
+pub(crate) fn linear_chart(
+    size: (u32, u32),
+    [x, y]: [&str; 2],
+    equal_scales: bool,
+    series: &[Series<'_>],
+) -> Result<String> {
+    Chart {
+        size,
+        x: Axis::linear(x),
+        y: Axis::linear(y),
+        equal_scales,
+        legend: Some(Corner::UpperRight),
+        series,
+    }
+    .svg()
 }
 
 /// Where the legend stands.
@@ -258,7 +307,8 @@ impl Chart<'_> {
             .axis_desc_style(LABELS)
             .set_all_tick_mark_size(5 * FINE)
             .draw()?;
-        for series in self.series {
+        let there = |series: &&Series<'_>| !series.points.is_empty();
+        for series in self.series.iter().filter(there) {
             draw(&mut chart, series)?;
         }
         if let Some(corner) = self.legend.clone() {

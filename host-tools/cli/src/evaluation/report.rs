@@ -1,7 +1,7 @@
 //! What is said about many flights: a table, JSON lines, a page.
 
 use super::plan::{Beside, Entry, Plan};
-use crate::chart::{Axis, Chart, Corner, Point, Series, Style};
+use crate::chart::{Axis, Chart, Corner, Point, Series};
 use crate::page::Page;
 use anyhow::Result;
 use nova_flight::{FlightResult, Method, Row, Settings};
@@ -222,12 +222,7 @@ fn distribution(conditions: &[Flown]) -> Result<String> {
     let curves: Vec<Vec<Point>> = conditions.iter().map(|c| steps(&c.errors_m)).collect();
     let largest = (curves.iter().flatten()).fold(1.0_f64, |most, point| most.max(point.0));
     let series: Vec<Series<'_>> = (conditions.iter().zip(&curves).zip(COLORS))
-        .map(|((condition, points), color)| Series {
-            label: &condition.entry.name,
-            style: Style::Line,
-            color,
-            points,
-        })
+        .map(|((condition, points), color)| Series::line(&condition.entry.name, color, points))
         .collect();
     Chart {
         size: (860, 420),

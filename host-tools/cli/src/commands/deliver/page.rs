@@ -1,6 +1,6 @@
 //! The page of a delivery: the path and how well it was followed (the paper's Fig. 9, 10, 13).
 
-use crate::chart::{Axis, Chart, Corner, Point, Series, Style};
+use crate::chart::{Point, Series, linear_chart};
 use crate::page::Page;
 use anyhow::Result;
 use nova_flight::delivery::{DeliveryResult, Sample, Scenario};
@@ -58,16 +58,20 @@ pub(super) fn write(
     };
     let (flown, believed) = (side(|s| s.true_m), side(|s| s.estimate_m));
     page.figure(
-        &chart(
+        &linear_chart(
+            SIZE,
             ["x (m)", "z (m)"],
             true,
-            &[("flown", BLUE, &flown), ("estimated", RED, &believed)],
+            &[
+                Series::line("flown", BLUE, &flown),
+                Series::line("estimated", RED, &believed),
+            ],
         )?,
         "From the side.",
     );
     let lyapunov = over_time(&|s| s.lyapunov_m2);
     page.figure(
-        &chart(["time (s)", "V (m²)"], false, &[("V at the estimate", BLUE, &lyapunov)])?,
+        &linear_chart(SIZE, ["time (s)", "V (m²)"], false, &[Series::line("V at the estimate", BLUE, &lyapunov)])?,
         "The Lyapunov function of the vector field: half the squared distance to the path. It jumps when the platform is first measured.",
     );
     let error = over_time(&|s| {
@@ -75,10 +79,11 @@ pub(super) fn write(
         (a[0] - b[0]).hypot(a[1] - b[1])
     });
     page.figure(
-        &chart(
+        &linear_chart(
+            SIZE,
             ["time (s)", "error (m)"],
             false,
-            &[("horizontal error", BLUE, &error)],
+            &[Series::line("horizontal error", BLUE, &error)],
         )?,
         "The estimate against the truth: the bias of GPS, until the platform tells it.",
     );
@@ -86,37 +91,17 @@ pub(super) fn write(
         [0, 1, 2].map(|axis| over_time(&|s| s.gps_bias_m.get(axis).copied().unwrap_or(0.0)));
     let [x, y, z] = &biases;
     page.figure(
-        &chart(
+        &linear_chart(
+            SIZE,
             ["time (s)", "bias (m)"],
             false,
-            &[("x", BLUE, x), ("y", RED, y), ("z", GREEN, z)],
+            &[
+                Series::line("x", BLUE, x),
+                Series::line("y", RED, y),
+                Series::line("z", GREEN, z),
+            ],
         )?,
         "The bias of GPS as it is estimated.",
     );
     page.write(path)
-}
-
-fn chart(
-    axes: [&str; 2],
-    equal_scales: bool,
-    lines: &[(&str, RGBColor, &[Point])],
-) -> Result<String> {
-    let [x, y] = axes;
-    let series: Vec<Series<'_>> = (lines.iter())
-        .map(|&(label, color, points)| Series {
-            label,
-            style: Style::Line,
-            color,
-            points,
-        })
-        .collect();
-    Chart {
-        size: SIZE,
-        x: Axis::linear(x),
-        y: Axis::linear(y),
-        equal_scales,
-        legend: Some(Corner::UpperRight),
-        series: &series,
-    }
-    .svg()
 }

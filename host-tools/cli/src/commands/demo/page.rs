@@ -1,7 +1,7 @@
 //! The page that `nova demo` writes.
 
 use super::Summary;
-use crate::chart::{Axis, Chart, Corner, Point, Series, Style, ellipse_95};
+use crate::chart::{Point, Series, ellipse_95, linear_chart};
 use crate::page::Page;
 use anyhow::Result;
 use nalgebra::Matrix2;
@@ -80,18 +80,8 @@ fn horizontal(v: &[f64; 3]) -> Point {
 /// The two marks that both maps have.
 fn marks<'a>(tag: &'a [Point; 1], estimate: &'a [Point; 1]) -> [Series<'a>; 2] {
     [
-        Series {
-            label: "tag",
-            style: Style::Circle,
-            color: GREEN,
-            points: tag,
-        },
-        Series {
-            label: "estimate",
-            style: Style::Cross,
-            color: RED,
-            points: estimate,
-        },
+        Series::circles("tag", GREEN, tag),
+        Series::crosses("estimate", RED, estimate),
     ]
 }
 
@@ -102,24 +92,12 @@ fn from_above(s: &Summary, measurements: &[RangeMeasurement]) -> Result<String> 
         .collect();
     let (tag, estimate) = ([horizontal(&s.tag_m)], [horizontal(&s.estimate_m)]);
     let [tag, estimate] = marks(&tag, &estimate);
-    Chart {
-        size: (860, 520),
-        x: Axis::linear("east (m)"),
-        y: Axis::linear("north (m)"),
-        equal_scales: true,
-        legend: Some(Corner::UpperRight),
-        series: &[
-            Series {
-                label: "anchor",
-                style: Style::Line,
-                color: BLUE,
-                points: &path,
-            },
-            tag,
-            estimate,
-        ],
-    }
-    .svg()
+    linear_chart(
+        (860, 520),
+        ["east (m)", "north (m)"],
+        true,
+        &[Series::line("anchor", BLUE, &path), tag, estimate],
+    )
 }
 
 fn close_up(s: &Summary) -> Result<String> {
@@ -127,24 +105,12 @@ fn close_up(s: &Summary) -> Result<String> {
     let ellipse = ellipse_95(horizontal(&s.estimate_m), &Matrix2::new(xx, xy, xy, yy));
     let (tag, estimate) = ([horizontal(&s.tag_m)], [horizontal(&s.estimate_m)]);
     let [tag, estimate] = marks(&tag, &estimate);
-    Chart {
-        size: (560, 460),
-        x: Axis::linear("east (m)"),
-        y: Axis::linear("north (m)"),
-        equal_scales: true,
-        legend: Some(Corner::UpperRight),
-        series: &[
-            Series {
-                label: "95 %",
-                style: Style::Line,
-                color: RED,
-                points: &ellipse,
-            },
-            tag,
-            estimate,
-        ],
-    }
-    .svg()
+    linear_chart(
+        (560, 460),
+        ["east (m)", "north (m)"],
+        true,
+        &[Series::line("95 %", RED, &ellipse), tag, estimate],
+    )
 }
 
 fn residuals(measurements: &[RangeMeasurement], found: &Localisation) -> Result<String> {
@@ -157,26 +123,13 @@ fn residuals(measurements: &[RangeMeasurement], found: &Localisation) -> Result<
             .collect()
     };
     let (used, aside) = (of(true), of(false));
-    Chart {
-        size: (860, 340),
-        x: Axis::linear("time (s)"),
-        y: Axis::linear("residual (m)"),
-        equal_scales: false,
-        legend: Some(Corner::UpperRight),
-        series: &[
-            Series {
-                label: "set aside",
-                style: Style::Dots,
-                color: GREY,
-                points: &aside,
-            },
-            Series {
-                label: "used",
-                style: Style::Dots,
-                color: BLUE,
-                points: &used,
-            },
+    linear_chart(
+        (860, 340),
+        ["time (s)", "residual (m)"],
+        false,
+        &[
+            Series::dots("set aside", GREY, &aside),
+            Series::dots("used", BLUE, &used),
         ],
-    }
-    .svg()
+    )
 }

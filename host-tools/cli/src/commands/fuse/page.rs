@@ -2,7 +2,7 @@
 
 use super::report::Report;
 use crate::anchors::AnchorsFile;
-use crate::chart::{Axis, Chart, Corner, Point, Series, Style, ellipse_95};
+use crate::chart::{Point, Series, ellipse_95, linear_chart};
 use crate::page::Page;
 use anyhow::Result;
 use nalgebra::Vector3;
@@ -90,15 +90,16 @@ impl Shown<'_> {
             }
         }
         let mut series = vec![
-            line("truth", GREY, &truth),
-            line("track", BLUE, &found),
-            Series {
-                style: Style::Circle,
-                ..line("anchors", RED, &anchors)
-            },
+            Series::line("truth", GREY, &truth),
+            Series::line("track", BLUE, &found),
+            Series::circles("anchors", RED, &anchors),
         ];
-        series.extend(ellipses.iter().map(|ellipse| line("", ORANGE, ellipse)));
-        chart(SIZE, ["east (m)", "north (m)"], true, &series)
+        series.extend(
+            ellipses
+                .iter()
+                .map(|ellipse| Series::line("", ORANGE, ellipse)),
+        );
+        linear_chart(SIZE, ["east (m)", "north (m)"], true, &series)
     }
 
     fn height(&self) -> Result<String> {
@@ -108,12 +109,12 @@ impl Shown<'_> {
         let high = self.points(|n| (n.t_s, n.position_m.z + two(n)));
         let truth = self.true_points(|n, p| (n.t_s, p.z));
         let series = [
-            line("", ORANGE, &low),
-            line("two sigmas", ORANGE, &high),
-            line("truth", GREY, &truth),
-            line("height", BLUE, &found),
+            Series::line("", ORANGE, &low),
+            Series::line("two sigmas", ORANGE, &high),
+            Series::line("truth", GREY, &truth),
+            Series::line("height", BLUE, &found),
         ];
-        chart(WIDE, ["time (s)", "height (m)"], false, &series)
+        linear_chart(WIDE, ["time (s)", "height (m)"], false, &series)
     }
 
     fn sigmas(&self) -> Result<String> {
@@ -125,12 +126,12 @@ impl Shown<'_> {
             self.true_points(|n, p| (n.t_s, (n.position_m.z - p.z).abs())),
         ];
         let series = [
-            line("error, horizontal", GREY, &errors[0]),
-            line("error, vertical", RED, &errors[1]),
-            line("sigma, horizontal", BLUE, &horizontal),
-            line("sigma, vertical", ORANGE, &vertical),
+            Series::line("error, horizontal", GREY, &errors[0]),
+            Series::line("error, vertical", RED, &errors[1]),
+            Series::line("sigma, horizontal", BLUE, &horizontal),
+            Series::line("sigma, vertical", ORANGE, &vertical),
         ];
-        chart(WIDE, ["time (s)", "metres"], false, &series)
+        linear_chart(WIDE, ["time (s)", "metres"], false, &series)
     }
 
     fn innovations(&self) -> Result<String> {
@@ -152,46 +153,11 @@ impl Shown<'_> {
             Fate::SetAside(nis) => Some(*nis),
             _ => None,
         });
-        let dots = |label, color, points| Series {
-            style: Style::Dots,
-            ..line(label, color, points)
-        };
         let series = [
-            dots("used", BLUE, &used),
-            dots("weighed down", ORANGE, &weighed),
-            dots("set aside", RED, &aside),
+            Series::dots("used", BLUE, &used),
+            Series::dots("weighed down", ORANGE, &weighed),
+            Series::dots("set aside", RED, &aside),
         ];
-        chart(WIDE, ["time (s)", "innovation (sigmas)"], false, &series)
+        linear_chart(WIDE, ["time (s)", "innovation (sigmas)"], false, &series)
     }
-}
-
-fn line<'a>(label: &'a str, color: RGBColor, points: &'a [Point]) -> Series<'a> {
-    Series {
-        label,
-        style: Style::Line,
-        color,
-        points,
-    }
-}
-
-/// Without the series that have nothing to show.
-fn chart(
-    size: (u32, u32),
-    [x, y]: [&str; 2],
-    equal_scales: bool,
-    series: &[Series<'_>],
-) -> Result<String> {
-    let shown: Vec<Series<'_>> = (series.iter())
-        .filter(|series| !series.points.is_empty())
-        .map(|series| Series { ..*series })
-        .collect();
-    Chart {
-        size,
-        x: Axis::linear(x),
-        y: Axis::linear(y),
-        equal_scales,
-        legend: Some(Corner::UpperRight),
-        series: &shown,
-    }
-    .svg()
 }

@@ -2,7 +2,7 @@
 
 use super::input::Anchors;
 use super::report::{Placed, Report};
-use crate::chart::{Axis, Chart, Corner, Point, Series, Style, ellipse_95};
+use crate::chart::{Point, Series, ellipse_95, linear_chart};
 use crate::page::Page;
 use anyhow::Result;
 use nalgebra::Matrix3;
@@ -59,16 +59,17 @@ pub(super) fn write(
     let true_map = true_points(|[_, x, y, _]| (x, y));
     let found = points(&|at| (at.position_m[0], at.position_m[1]));
     let mut series = vec![
-        line("truth", GREY, &true_map),
-        line("track", BLUE, &found),
-        Series {
-            style: Style::Circle,
-            ..line("anchors", RED, &stands)
-        },
+        Series::line("truth", GREY, &true_map),
+        Series::line("track", BLUE, &found),
+        Series::circles("anchors", RED, &stands),
     ];
-    series.extend(ellipses.iter().map(|ellipse| line("", ORANGE, ellipse)));
+    series.extend(
+        ellipses
+            .iter()
+            .map(|ellipse| Series::line("", ORANGE, ellipse)),
+    );
     page.figure(
-        &chart(SIZE, ["east (m)", "north (m)"], true, &series)?,
+        &linear_chart(SIZE, ["east (m)", "north (m)"], true, &series)?,
         "From above, with 95 % ellipses and the anchors.",
     );
 
@@ -77,56 +78,25 @@ pub(super) fn write(
     let height = points(&|at| (at.t_s, at.position_m[2]));
     let true_height = true_points(|[t, _, _, z]| (t, z));
     let series = [
-        line("", ORANGE, &low),
-        line("two sigmas", ORANGE, &high),
-        line("truth", GREY, &true_height),
-        line("height", BLUE, &height),
+        Series::line("", ORANGE, &low),
+        Series::line("two sigmas", ORANGE, &high),
+        Series::line("truth", GREY, &true_height),
+        Series::line("height", BLUE, &height),
     ];
     page.figure(
-        &chart(WIDE, ["time (s)", "height (m)"], false, &series)?,
+        &linear_chart(WIDE, ["time (s)", "height (m)"], false, &series)?,
         "Height, with two sigmas to each side.",
     );
 
     let horizontal = points(&|at| (at.t_s, at.sigma_m[0].hypot(at.sigma_m[1])));
     let vertical = points(&|at| (at.t_s, at.sigma_m[2]));
     let series = [
-        line("horizontal", BLUE, &horizontal),
-        line("vertical", ORANGE, &vertical),
+        Series::line("horizontal", BLUE, &horizontal),
+        Series::line("vertical", ORANGE, &vertical),
     ];
     page.figure(
-        &chart(WIDE, ["time (s)", "sigma (m)"], false, &series)?,
+        &linear_chart(WIDE, ["time (s)", "sigma (m)"], false, &series)?,
         "Standard deviations.",
     );
     page.write(path)
-}
-
-fn line<'a>(label: &'a str, color: RGBColor, points: &'a [Point]) -> Series<'a> {
-    Series {
-        label,
-        style: Style::Line,
-        color,
-        points,
-    }
-}
-
-/// Without the series that have nothing to show.
-fn chart(
-    size: (u32, u32),
-    [x, y]: [&str; 2],
-    equal_scales: bool,
-    series: &[Series<'_>],
-) -> Result<String> {
-    let shown: Vec<Series<'_>> = (series.iter())
-        .filter(|series| !series.points.is_empty())
-        .map(|series| Series { ..*series })
-        .collect();
-    Chart {
-        size,
-        x: Axis::linear(x),
-        y: Axis::linear(y),
-        equal_scales,
-        legend: Some(Corner::UpperRight),
-        series: &shown,
-    }
-    .svg()
 }

@@ -1,7 +1,7 @@
 //! The page of a survey: a map, how the estimates settle, the figures.
 
 use super::input::Input;
-use crate::chart::{Axis, Chart, Corner, Point, Series, Style, ellipse_95};
+use crate::chart::{Axis, Chart, Corner, Point, Series, ellipse_95, linear_chart};
 use crate::page::Page;
 use crate::peer::Peer;
 use anyhow::Result;
@@ -118,42 +118,14 @@ fn map(found: &Survey, one_by_one: &[Option<InvertedUwb>], input: &Input) -> Res
         })
         .collect();
     let mut series = vec![
-        Series {
-            label: "track",
-            style: Style::Line,
-            color: GREY,
-            points: &track,
-        },
-        Series {
-            label: "anchors",
-            style: Style::Circle,
-            color: BLUE,
-            points: &places,
-        },
-        Series {
-            label: "one by one",
-            style: Style::Cross,
-            color: RED,
-            points: &alone,
-        },
+        Series::line("track", GREY, &track),
+        Series::circles("anchors", BLUE, &places),
+        Series::crosses("one by one", RED, &alone),
     ];
     for ellipse in &ellipses {
-        series.push(Series {
-            label: "",
-            style: Style::Line,
-            color: BLUE,
-            points: ellipse,
-        });
+        series.push(Series::line("", BLUE, ellipse));
     }
-    Chart {
-        size: SIZE,
-        x: Axis::linear("east (m)"),
-        y: Axis::linear("north (m)"),
-        equal_scales: true,
-        legend: Some(Corner::UpperRight),
-        series: &series,
-    }
-    .svg()
+    linear_chart(SIZE, ["east (m)", "north (m)"], true, &series)
 }
 
 fn settling(stages: &[Stage], found: &Survey) -> Result<String> {
@@ -193,18 +165,8 @@ fn settling(stages: &[Stage], found: &Survey) -> Result<String> {
         equal_scales: false,
         legend: Some(Corner::UpperRight),
         series: &[
-            Series {
-                label: "all at once",
-                style: Style::Line,
-                color: BLUE,
-                points: &joint,
-            },
-            Series {
-                label: "one by one",
-                style: Style::Line,
-                color: RED,
-                points: &inverted,
-            },
+            Series::line("all at once", BLUE, &joint),
+            Series::line("one by one", RED, &inverted),
         ],
     }
     .svg()

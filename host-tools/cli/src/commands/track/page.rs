@@ -1,7 +1,7 @@
 //! The page of `nova track`: the table, error against outliers, and the first flight.
 
 use super::report;
-use crate::chart::{Axis, Chart, Corner, Point, Series, Style};
+use crate::chart::{Axis, Chart, Corner, Point, Series};
 use crate::page::Page;
 use anyhow::Result;
 use nova_flight::tracking::{
@@ -114,19 +114,15 @@ fn above(scene: &TrackingScene, shown: &[(String, TrackingResult)]) -> Result<St
         .map(|[x1, y1, x2, y2]| [(*x1, *y1), (*x2, *y2)])
         .collect();
     let mut series = vec![
-        line("", Style::Dots, GREY, &seen),
-        line("target", Style::Line, BLACK, &target),
+        Series::dots("", GREY, &seen),
+        Series::line("target", BLACK, &target),
     ];
     for (i, wall) in walls.iter().enumerate() {
-        series.push(line(
-            if i == 0 { "walls" } else { "" },
-            Style::Line,
-            BROWN,
-            wall,
-        ));
+        let label = if i == 0 { "walls" } else { "" };
+        series.push(Series::line(label, BROWN, wall));
     }
     for (i, ((name, _), points)) in shown.iter().zip(&believed).enumerate() {
-        series.push(line(name, Style::Line, color(i), points));
+        series.push(Series::line(name, color(i), points));
     }
     Chart {
         size: (900, 560),
@@ -169,10 +165,10 @@ fn draw(
 ) -> Result<String> {
     let mut series: Vec<Series<'_>> = bounds
         .iter()
-        .map(|points| line("", Style::Line, BLACK, points))
+        .map(|points| Series::line("", BLACK, points))
         .collect();
     for (i, (name, points)) in lines.iter().enumerate() {
-        series.push(line(name, Style::Line, color(i), points));
+        series.push(Series::line(name, color(i), points));
     }
     Chart {
         size: WIDE,
@@ -183,13 +179,4 @@ fn draw(
         series: &series,
     }
     .svg()
-}
-
-fn line<'a>(label: &'a str, style: Style, color: RGBColor, points: &'a [Point]) -> Series<'a> {
-    Series {
-        label,
-        style,
-        color,
-        points,
-    }
 }
