@@ -2,7 +2,7 @@
 //!
 //! The equations stand in `hypothesis.rs`, the elimination in `elimination.rs`.
 
-use super::elimination::{Array, Factor, KNOT, Last};
+use super::elimination::{Array, Factor, KNOT, Last, eliminate};
 use super::hypothesis::Hypothesis;
 use super::likelihood::RangeLikelihood;
 use super::noise::NoiseModel;
@@ -51,7 +51,7 @@ impl Hypothesis {
         noise: &NoiseModel,
         factors: &mut Vec<Factor>,
     ) -> Option<Sweep> {
-        let mut chain = Chain::start(self, manner);
+        let mut chain = Chain::start(self, noise, manner);
         let mut transition: Option<Transition> = None;
         let times = record.knot_times_s();
         factors.clear();
@@ -62,7 +62,8 @@ impl Hypothesis {
                 _ => Transition::new(&noise.ins, dt_s)?,
             };
             transition = Some(step);
-            factors.push(chain.interval(self, record, noise, &step, k)?);
+            factors.push(Factor::zeros());
+            chain.interval(self, record, noise, &step, k, factors.last_mut()?)?;
         }
         chain.finish()
     }
@@ -104,7 +105,11 @@ pub(super) enum Manner {
 /// A sweep under way.
 pub(super) struct Chain {
     curved: bool,
-    pub(super) array: Array,
+    likelihood: RangeLikelihood,
+    /// Of the present knot, and of the one before; they take turns.
+    arrays: [Array; 2],
+    /// Whether the second is the present one.
+    second: bool,
     pub(super) cost: f64,
     pub(super) log_determinant: f64,
     pub(super) log_weights: f64,
@@ -112,7 +117,7 @@ pub(super) struct Chain {
 }
 
 impl Chain {
-    pub(super) fn start(hypothesis: &Hypothesis, manner: Manner) -> Self {
+    pub(super) fn start(hypothesis: &Hypothesis, noise: &NoiseModel, manner: Manner) -> Self {
         let mut array = Array::zeros();
         if let Manner::GaussNewton { damping } = manner {
             for i in 0..3 {
@@ -128,7 +133,9 @@ impl Chain {
         };
         Self {
             curved: matches!(manner, Manner::Newton),
-            array,
+            likelihood: RangeLikelihood::new(noise.outlier_probability),
+            arrays: [array, Array::zeros()],
+            second: false,
             cost,
             log_determinant: spent.log_determinant,
             log_weights: spent.log_weights,
@@ -136,7 +143,13 @@ impl Chain {
         }
     }
 
-    /// Adds interval `k` and eliminates its first knot.
+    /// What is known of the present knot and the globals.
+    pub(super) fn array(&self) -> &Array {
+        let [first, second] = &self.arrays;
+        if self.second { second } else { first }
+    }
+
+    /// Adds interval `k` and eliminates its first knot into `factor`.
     pub(super) fn interval(
         &mut self,
         hypothesis: &Hypothesis,
@@ -144,16 +157,20 @@ impl Chain {
         noise: &NoiseModel,
         transition: &Transition,
         k: usize,
-    ) -> Option<Factor> {
-        let mut next = Array::zeros();
+        factor: &mut Factor,
+    ) -> Option<()> {
+        let [first, second] = &mut self.arrays;
+        let (here, next) = if self.second {
+            (second, first)
+        } else {
+            (first, second)
+        };
+        *next = Array::zeros();
         let mut coupling = [[0.0; KNOT]; KNOT];
         let (x, next_x) = (hypothesis.knots.get(k)?, hypothesis.knots.get(k + 1)?);
-        self.cost += transition.add(x, next_x, &mut self.array, &mut coupling, &mut next);
+        self.cost += transition.add(x, next_x, here, &mut coupling, next);
         self.log_weights += transition.log_determinant;
 
-        let likelihood = RangeLikelihood {
-            outlier_probability: noise.outlier_probability,
-        };
         let slack = hypothesis.slack_m * hypothesis.slack_m;
         // Between its knots a random walk is a Brownian bridge.
         let gusts = noise.ins.position_random_walk;
@@ -169,8 +186,9 @@ impl Chain {
             };
             let r = distance + hypothesis.globals[3] - observation.range_m;
             let unseen = bridge * s * (1.0 - s) * (u.x * u.x + u.y * u.y);
-            let influence =
-                likelihood.influence(r, observation.variance_m2(gusts) + unseen + slack);
+            let influence = self
+                .likelihood
+                .influence(r, observation.variance_m2(gusts) + unseen + slack);
             self.cost += influence.cost;
             self.outliers += 1.0 - influence.sound;
             let curvature = if self.curved {
@@ -180,16 +198,15 @@ impl Chain {
             };
             sums.add(u, s, &influence, curvature);
         }
-        sums.spread(&mut self.array, &mut coupling, &mut next);
+        sums.spread(here, &mut coupling, next);
 
-        let (factor, log_determinant) = self.array.eliminate(&coupling, &mut next)?;
-        self.log_determinant += log_determinant;
-        self.array = next;
-        Some(factor)
+        self.log_determinant += eliminate(here, &coupling, next, factor)?;
+        self.second = !self.second;
+        Some(())
     }
 
     fn finish(self) -> Option<Sweep> {
-        let last = self.array.solve()?;
+        let last = self.array().solve()?;
         let log_determinant = self.log_determinant + last.log_determinant;
         self.cost.is_finite().then_some(Sweep {
             cost: self.cost,

@@ -68,35 +68,6 @@ impl Array {
         self.0[index][JOINT] += gradient;
     }
 
-    /// Eliminates the knot; `next` already holds what is known of the next knot and gets the rest.
-    /// `None` where the matrix is not positive definite.
-    pub(super) fn eliminate(&self, coupling: &Coupling, next: &mut Array) -> Option<(Factor, f64)> {
-        let mut rows = [[0.0; COUPLED]; KNOT];
-        for (i, row) in rows.iter_mut().enumerate() {
-            row[..KNOT].copy_from_slice(&self.0[i][..KNOT]);
-            row[KNOT..2 * KNOT].copy_from_slice(&coupling[i]);
-            row[2 * KNOT..].copy_from_slice(&self.0[i][KNOT..]);
-        }
-        let log_determinant = triangularise(&mut rows)?;
-        // What the globals knew before stays, less what the knot takes with it.
-        for i in 0..=GLOBAL {
-            for j in 0..=GLOBAL {
-                next.0[KNOT + i][KNOT + j] += self.0[KNOT + i][KNOT + j];
-            }
-        }
-        for (j, row) in rows.iter().enumerate() {
-            let inverse = 1.0 / row[j];
-            let tail: &[f64; ARRAY] = tail(row);
-            for (i, target) in next.0.iter_mut().enumerate() {
-                let factor = tail[i] * inverse;
-                for (t, s) in target.iter_mut().zip(tail) {
-                    *t -= factor * s;
-                }
-            }
-        }
-        Some((Factor(rows), log_determinant))
-    }
-
     /// Solves for the newest knot and the globals.
     pub(super) fn solve(&self) -> Option<Last> {
         let mut information = nalgebra::SMatrix::<f64, JOINT, JOINT>::zeros();
@@ -121,7 +92,50 @@ impl Array {
     }
 }
 
+/// Eliminates the knot of `here` into `factor`; `next` already holds what is known of the next knot and gets the rest.
+/// Logarithm of the knot's determinant; `None` where the matrix is not positive definite.
+///
+/// A third of all time is spent here; with vectors of four a flight's updates are a tenth faster, and AVX does what SSE does to the
+/// last bit.
+#[multiversion::multiversion(targets("x86_64+avx+avx2+fma+bmi1+bmi2+lzcnt"))]
+pub(super) fn eliminate(
+    here: &Array,
+    coupling: &Coupling,
+    next: &mut Array,
+    factor: &mut Factor,
+) -> Option<f64> {
+    let rows = &mut factor.0;
+    for (i, row) in rows.iter_mut().enumerate() {
+        row[..KNOT].copy_from_slice(&here.0[i][..KNOT]);
+        row[KNOT..2 * KNOT].copy_from_slice(&coupling[i]);
+        row[2 * KNOT..].copy_from_slice(&here.0[i][KNOT..]);
+    }
+    let log_determinant = triangularise(rows)?;
+    // What the globals knew before stays, less what the knot takes with it.
+    for i in 0..=GLOBAL {
+        for j in 0..=GLOBAL {
+            next.0[KNOT + i][KNOT + j] += here.0[KNOT + i][KNOT + j];
+        }
+    }
+    for (j, row) in rows.iter().enumerate() {
+        let inverse = 1.0 / row[j];
+        let tail: &[f64; ARRAY] = tail(row);
+        for (i, target) in next.0.iter_mut().enumerate() {
+            let factor = tail[i] * inverse;
+            for (t, s) in target.iter_mut().zip(tail) {
+                *t -= factor * s;
+            }
+        }
+    }
+    Some(log_determinant)
+}
+
 impl Factor {
+    /// To be filled in.
+    pub(super) fn zeros() -> Self {
+        Self([[0.0; COUPLED]; KNOT])
+    }
+
     /// Step of the eliminated knot from those of the next knot and the globals.
     pub(super) fn back_substitute(
         &self,
@@ -149,6 +163,7 @@ impl Factor {
 
 /// Gaussian elimination of the symmetric left block, rows kept unscaled; logarithm of its
 /// determinant.
+#[inline(always)]
 fn triangularise(rows: &mut [[f64; COUPLED]; KNOT]) -> Option<f64> {
     let mut determinant = 1.0;
     for j in 0..KNOT {
@@ -237,7 +252,8 @@ mod tests {
                     next.0[i][JOINT] = g[(k + 1) * KNOT + i];
                     next.0[JOINT][i] = next.0[i][JOINT];
                 }
-                let (factor, log) = array.eliminate(&coupling, &mut next).unwrap();
+                let mut factor = Factor::zeros();
+                let log = eliminate(&array, &coupling, &mut next, &mut factor).unwrap();
                 factors.push(factor);
                 log_determinant += log;
                 array = next;

@@ -44,27 +44,42 @@ pub(super) struct Influence {
     pub(super) sound: f64,
 }
 
-/// The likelihood of all ranges of one variance class.
+/// The likelihood of ranges with one share of outliers. Its logarithms are taken once: they were a twentieth of a sweep.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RangeLikelihood {
-    /// `e`.
-    pub(super) outlier_probability: f64,
+    /// `ln(1 - e)`.
+    log_sound: f64,
+    /// `ln` of the outlier density at no residual, late and early, 1/m.
+    log_late: f64,
+    log_early: f64,
 }
 
 impl RangeLikelihood {
+    /// With the share `e` of outliers.
+    pub(super) fn new(outlier_probability: f64) -> Self {
+        let log_share = |share: f64| (outlier_probability * share / OUTLIER_MEAN_M).ln();
+        Self {
+            log_sound: (-outlier_probability).ln_1p(),
+            log_late: log_share(LATE),
+            log_early: log_share(1.0 - LATE),
+        }
+    }
+
     /// Of the residual `r = predicted - measured` at this variance.
     #[inline]
     pub(super) fn influence(&self, r: f64, variance: f64) -> Influence {
         let inverse = 1.0 / variance;
-        let share = if r < 0.0 { LATE } else { 1.0 - LATE };
+        let log_outlier = if r < 0.0 {
+            self.log_late
+        } else {
+            self.log_early
+        };
         let (tail, pull) = tail(r.abs());
         // ln of outlier density over Gaussian density; the Gaussian is taken out of the sum so that
         // nothing underflows.
         let gaussian = 0.5 * r * r * inverse;
-        let log_normal =
-            0.5 * (std::f64::consts::TAU * variance).ln() - (-self.outlier_probability).ln_1p();
-        let odds =
-            (self.outlier_probability * share / OUTLIER_MEAN_M).ln() - tail + log_normal + gaussian;
+        let log_normal = 0.5 * (std::f64::consts::TAU * variance).ln() - self.log_sound;
+        let odds = log_outlier - tail + log_normal + gaussian;
         let (log_sum, sound) = if odds > 700.0 {
             (odds, 0.0)
         } else {
@@ -85,17 +100,17 @@ impl RangeLikelihood {
 mod tests {
     use super::*;
 
-    const LIKELIHOOD: RangeLikelihood = RangeLikelihood {
-        outlier_probability: 0.05,
-    };
+    fn influence(r: f64, variance: f64) -> Influence {
+        RangeLikelihood::new(0.05).influence(r, variance)
+    }
 
     #[test]
     fn slope_is_the_derivative_of_the_cost() {
         for r in [-30.0, -2.0, -0.3, -0.11, 0.07, 0.2, 0.5, 4.0, 50.0, 700.0] {
             let h = 1e-5;
-            let cost = |r: f64| LIKELIHOOD.influence(r, 0.01).cost;
+            let cost = |r: f64| influence(r, 0.01).cost;
             let slope = (cost(r + h) - cost(r - h)) / (2.0 * h);
-            let told = LIKELIHOOD.influence(r, 0.01).slope;
+            let told = influence(r, 0.01).slope;
             assert!(
                 (slope - told).abs() < 1e-4 * (1.0 + told.abs()),
                 "{r}: {slope} {told}"
@@ -106,21 +121,21 @@ mod tests {
     #[test]
     fn density_integrates_to_one() {
         let sum: f64 = (-400_000..400_000)
-            .map(|i| (-LIKELIHOOD.influence(1e-4 * (f64::from(i) + 0.5), 0.01).cost).exp() * 1e-4)
+            .map(|i| (-influence(1e-4 * (f64::from(i) + 0.5), 0.01).cost).exp() * 1e-4)
             .sum();
         assert!((sum - 1.0).abs() < 1e-6, "{sum}");
     }
 
     #[test]
     fn late_range_is_taken_for_an_outlier_sooner_than_an_early_one() {
-        let late = LIKELIHOOD.influence(-0.35, 0.01).sound;
-        let early = LIKELIHOOD.influence(0.35, 0.01).sound;
+        let late = influence(-0.35, 0.01).sound;
+        let early = influence(0.35, 0.01).sound;
         assert!(late < early && late < 0.5);
     }
 
     #[test]
     fn bending_a_flight_by_kilometres_toward_an_absurd_range_does_not_pay() {
-        let cost = |r: f64| LIKELIHOOD.influence(r, 0.01).cost;
+        let cost = |r: f64| influence(r, 0.01).cost;
         for r in [1e9, -1e9] {
             let gain = cost(r) - cost(r - 1e4_f64.copysign(r));
             assert!((0.0..1e-3).contains(&gain), "{gain}");
@@ -129,7 +144,7 @@ mod tests {
 
     #[test]
     fn absurd_residual_has_a_finite_cost_and_next_to_no_information() {
-        let told = LIKELIHOOD.influence(-1e12, 1e-4);
+        let told = influence(-1e12, 1e-4);
         assert!(told.cost.is_finite() && told.information <= 1e-12);
     }
 }

@@ -125,8 +125,9 @@ impl Mixture {
             component.step(dt_s);
         }
         self.split(observation);
+        let likelihood = RangeLikelihood::new(noise.outlier_probability);
         for component in &mut self.components {
-            component.observe(observation, noise);
+            component.observe(observation, &likelihood);
         }
         self.normalise();
         self.merge();
@@ -250,7 +251,7 @@ impl Component {
     }
 
     /// Takes a range; what of it may be an outlier counts less.
-    fn observe(&mut self, observation: &Observation, noise: &NoiseModel) {
+    fn observe(&mut self, observation: &Observation, likelihood: &RangeLikelihood) {
         let (u, distance) = self.sight(observation);
         let bend = self.bend(&u, distance);
         let variance = self.variance_m2(observation) + bend.variance_m2();
@@ -258,9 +259,6 @@ impl Component {
         seen += self.covariance.column(BIAS);
         let foretold = u.dot(&seen.fixed_rows::<3>(0)) + seen[BIAS];
         let off = distance + bend.lift_m() + self.mean[BIAS] - observation.range_m;
-        let likelihood = RangeLikelihood {
-            outlier_probability: noise.outlier_probability,
-        };
         let influence = likelihood.influence(off, foretold + variance);
         self.weight *= (-influence.cost).exp();
         if influence.sound < LEAST_SOUND {

@@ -1,7 +1,7 @@
 //! What is known beforehand: at hand-over, and of knots no longer kept.
 
 use super::chain::{Chain, Manner};
-use super::elimination::{Array, GLOBAL, JOINT, KNOT};
+use super::elimination::{Array, Factor, GLOBAL, JOINT, KNOT};
 use super::hypothesis::Hypothesis;
 use super::record::Record;
 use super::transition::Transition;
@@ -86,14 +86,14 @@ impl Hypothesis {
             return None;
         };
         let step = Transition::new(&noise.ins, t1 - t0)?;
-        let mut chain = Chain::start(self, Manner::GaussNewton { damping: 0.0 });
-        chain.interval(self, record, noise, &step, 0)?;
+        let mut chain = Chain::start(self, noise, Manner::GaussNewton { damping: 0.0 });
+        chain.interval(self, record, noise, &step, 0, &mut Factor::zeros())?;
         let mut prior = Prior {
             at: [0.0; JOINT],
             information: [[0.0; JOINT]; JOINT],
             gradient: [0.0; JOINT],
             spent: Spent {
-                cost: chain.cost + 0.5 * chain.array.corner(),
+                cost: chain.cost + 0.5 * chain.array().corner(),
                 log_determinant: chain.log_determinant,
                 log_weights: chain.log_weights,
             },
@@ -102,8 +102,8 @@ impl Hypothesis {
             *at = *value;
         }
         for i in 0..JOINT {
-            prior.information[i].copy_from_slice(&chain.array.0[i][..JOINT]);
-            prior.gradient[i] = chain.array.0[i][JOINT];
+            prior.information[i].copy_from_slice(&chain.array().0[i][..JOINT]);
+            prior.gradient[i] = chain.array().0[i][JOINT];
         }
         self.prior = prior;
         self.knots.remove(0);

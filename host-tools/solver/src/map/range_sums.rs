@@ -94,9 +94,7 @@ mod tests {
     /// and the vehicle at the origin.
     fn sums(tag_m: Vector3<f64>, measured_m: f64, variance_m2: f64) -> RangeSums {
         let distance = tag_m.norm();
-        let likelihood = RangeLikelihood {
-            outlier_probability: 0.0,
-        };
+        let likelihood = RangeLikelihood::new(0.0);
         let influence = likelihood.influence(distance - measured_m, variance_m2);
         let mut sums = RangeSums::default();
         sums.add(
